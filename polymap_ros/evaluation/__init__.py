@@ -1,0 +1,1 @@
+"""Experiments: drawn scenes, metrics, figures, speed."""

@@ -1,0 +1,101 @@
+"""What a solver answers: the polygon, or what is certain where none closes."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.mapping.pose import Pose
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One wall, the line x cos(theta) + y sin(theta) = r of eq. (2).
+
+    Parameters
+    ----------
+    r : float
+        Signed distance of the line from the origin [m].
+    theta : float
+        Direction of the outward normal [rad].
+    likelihood : float
+        Probability that the edge is real (``evidence``), or L / max L.
+    r_std, theta_std : float or None
+        Standard deviations [m], [rad]; None where the method gives none.
+    pings : int
+        Pings whose perpendicular foot is on the edge.
+    """
+
+    r: float
+    theta: float
+    likelihood: float
+    r_std: float | None = None
+    theta_std: float | None = None
+    pings: int = 0
+
+    def moved(self, frame: Pose) -> 'Edge':
+        """The same wall, seen from the frame in which `frame` is this edge's own origin."""
+        theta = self.theta + frame.yaw
+        r = self.r + frame.x * np.cos(theta) + frame.y * np.sin(theta)
+        wrapped = float(np.arctan2(np.sin(theta), np.cos(theta)))
+        return dataclasses.replace(self, r=float(r), theta=wrapped)
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A closed polygon: counter-clockwise vertices (n, 2) [m]; edge i runs from vertex i to vertex i + 1."""
+
+    vertices: NDArray[np.float64]
+    edges: tuple[Edge, ...]
+
+    def moved(self, frame: Pose) -> 'Candidate':
+        """The same polygon, seen from the frame in which `frame` is its own origin."""
+        return Candidate(frame.apply(self.vertices), tuple(edge.moved(frame) for edge in self.edges))
+
+
+@dataclass(frozen=True)
+class Caution:
+    """Something the user must know about an answer: a stable code and a sentence."""
+
+    code: str
+    text: str
+
+
+@dataclass(frozen=True, eq=False)
+class Estimate:
+    """A solver's answer.
+
+    Parameters
+    ----------
+    status : str
+        ``closed``: `polygon` holds the answer. ``ambiguous``: several fit, see `alternatives`.
+        ``open``: no polygon closes, `walls` are those that are certain.
+    method : str
+        The solver that answered.
+    stamp_ns : int
+        Stamp of the newest ping used [ns].
+    cost : float or None
+        Eq. (5), or the method's own objective; None where there is none.
+    iou_free_area : float or None
+        IoU of the polygon with the free area A_T.
+    """
+
+    status: str
+    method: str
+    stamp_ns: int = 0
+    polygon: Candidate | None = None
+    walls: tuple[Edge, ...] = ()
+    alternatives: tuple[Candidate, ...] = ()
+    cost: float | None = None
+    iou_free_area: float | None = None
+    cautions: tuple[Caution, ...] = ()
+
+    def moved(self, frame: Pose) -> 'Estimate':
+        """The same answer, seen from the frame in which `frame` is its own origin."""
+        return dataclasses.replace(
+            self,
+            polygon=self.polygon.moved(frame) if self.polygon else None,
+            walls=tuple(edge.moved(frame) for edge in self.walls),
+            alternatives=tuple(candidate.moved(frame) for candidate in self.alternatives),
+        )

@@ -1,0 +1,30 @@
+"""A pose in the plane."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Position [m] and heading [rad], counter-clockwise from x (REP-103)."""
+
+    x: float
+    y: float
+    yaw: float = 0.0
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Transform points (..., 2) given in this pose's frame into the frame it is expressed in."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        return np.asarray(points, dtype=float) @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
+
+    def compose(self, other: 'Pose') -> 'Pose':
+        """Express `other`, given in this pose's frame, in the frame this pose is expressed in."""
+        x, y = self.apply(np.array([other.x, other.y]))
+        return Pose(float(x), float(y), self.yaw + other.yaw)
+
+    def inverse(self) -> 'Pose':
+        """The pose of the outer frame, seen from this one."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        return Pose(float(-c * self.x - s * self.y), float(s * self.x - c * self.y), -self.yaw)

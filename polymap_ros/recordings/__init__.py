@@ -1,0 +1,1 @@
+"""Reading, writing and replaying rosbag2 and mcap recordings."""

@@ -1,0 +1,1 @@
+"""The files that replay and the save service write."""

@@ -1,0 +1,1 @@
+"""Simulated scenes, trajectories and waveforms, eq. (1)."""
