@@ -1,0 +1,184 @@
+"""Eq. (3): correlation of a ping with the echo expected from a wall at every range."""
+
+from typing import Protocol
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from polymap_ros.acoustics.medium import Medium, group_speed
+from polymap_ros.acoustics.pulse import Pulse
+
+BAND_FLOOR = 1e-3
+"""Frequencies at which the expected echo is weaker than this, relative to its strongest, are left out: they hold
+1e-6 of its power."""
+
+_TAPS = 8
+"""Width of the interpolation kernel in bins of the zero-padded spectrum: error 1e-6 at twofold padding
+(Fessler and Sutton, IEEE Trans. Signal Process. 51, 560, 2003)."""
+
+
+class EchoFilter(Protocol):
+    """From the samples of a ping to an analytic signal over the range axis."""
+
+    def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
+        """Filter one ping; its magnitude is the envelope e(r)."""
+
+
+class MatchedFilter:
+    r"""Eq. (3) for a whole range axis at once.
+
+    The echo expected from a wall at range r is, by eq. (1), z_hat(r, w) = s(w) a(w) exp(-2 j k(w) r) up to a
+    factor that the normalisation of eq. (3) removes. With the frequency replaced by the wavenumber k as the
+    variable of integration, the correlation is a Fourier integral over k > 0,
+
+        c(r) = sum_k  z(w) conj(s(w) a(w)) (dw/dk) exp(2 j k r) dk / (pi |z| |z_hat|),
+
+    one-sided and therefore analytic in r: its real part is eq. (3) and its magnitude the envelope, with no Hilbert
+    transform left to do. The ping's spectrum is interpolated from an FFT to the uniform grid of k (Kaiser-Bessel
+    gridding) and the sum over k is another FFT.
+
+    Parameters
+    ----------
+    medium : Medium
+        Dispersion k(w) and amplitude a(w).
+    pulse : Pulse
+        Excitation s(t).
+    ranges_m : ndarray, shape (n_ranges,)
+        Uniform range axis from 0 [m].
+    n_samples : int
+        Samples of every ping.
+    period_s : float
+        Sample period [s].
+    t0_s : float
+        Time of the first sample after emission [s].
+
+    Attributes
+    ----------
+    autocorrelation : ndarray, shape (2 * n_ranges - 1,), complex128
+        psi(r' - r) = c(r') of a noise-free wall at r, over the differences of the range axis.
+    """
+
+    def __init__(
+        self,
+        medium: Medium,
+        pulse: Pulse,
+        ranges_m: NDArray[np.float64],
+        n_samples: int,
+        period_s: float,
+        t0_s: float = 0.0,
+    ) -> None:
+        step = float(ranges_m[1] - ranges_m[0])
+        dense = np.linspace(0.0, np.pi / period_s, 4097)[1:]
+        strength = np.abs(pulse.spectrum(dense)) * medium.excitability(dense)
+        inside = np.flatnonzero(strength > BAND_FLOOR * strength.max())
+        band = dense[[inside[0], inside[-1]]]
+        fastest = float(group_speed(medium, np.linspace(*band, 256) / (2.0 * np.pi)).max())
+
+        # The sum over k repeats in r with period pi / dk, which has to hold the latest sample and the axis.
+        reach = fastest * abs(t0_s + n_samples * period_s) / 2.0
+        period_m = 1.1 * max(reach, ranges_m[-1] + step)
+        self._n_ranges = len(ranges_m)
+        self._size = scipy.fft.next_fast_len(int(np.ceil(period_m / step)))
+        dk = np.pi / (self._size * step)
+        k = np.arange(medium.wavenumber(band[:1])[0], medium.wavenumber(band[1:])[0], dk)
+        omega = np.interp(k, medium.wavenumber(dense), dense)
+        for _ in range(3):  # Newton's method on k(w) = k
+            omega -= (medium.wavenumber(omega) - k) * group_speed(medium, omega / (2.0 * np.pi))
+        speed = group_speed(medium, omega / (2.0 * np.pi))
+        echo = pulse.spectrum(omega) * medium.excitability(omega)
+        energy = float(np.sum(np.abs(echo) ** 2 * speed) * dk / np.pi)
+
+        self._grid = _Gridding(n_samples, omega * period_s)
+        weight = np.conj(echo) * speed * np.exp(-1j * omega * t0_s) * dk / np.pi * np.sqrt(period_s / energy)
+        self._weight = weight.astype(np.complex64)
+        self._carrier = np.exp(2j * k[0] * ranges_m).astype(np.complex64)
+        lags = step * np.arange(1 - self._n_ranges, self._n_ranges)
+        power = np.abs(echo) ** 2 * speed * dk / np.pi / energy
+        folded = self._size * scipy.fft.ifft(_fold(power.astype(complex), self._size))
+        self.autocorrelation = folded[np.arange(1 - self._n_ranges, self._n_ranges)] * np.exp(2j * k[0] * lags)
+
+    def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
+        """Correlate one ping, shape (n_samples,); returns shape (n_ranges,), at most 1 in magnitude."""
+        z = np.asarray(samples, dtype=np.float32)
+        norm = np.sqrt(np.dot(z, z))
+        if norm == 0.0:
+            return np.zeros(self._n_ranges, dtype=np.complex64)
+        spectrum = self._grid(z) * self._weight
+        total = scipy.fft.ifft(_fold(spectrum, self._size), overwrite_x=True)[: self._n_ranges]
+        total *= self._carrier
+        total *= np.float32(self._size / norm)
+        return total
+
+
+class EnvelopeFilter:
+    """For pings that hold magnitudes: the sample at range r = (t - t_c) v / 2, with t_c the pulse's centre.
+
+    Parameters
+    ----------
+    speed_m_s : float
+        Speed, or group speed at the pulse's frequency [m/s].
+    centre_s : float
+        Centre of the pulse's envelope [s].
+    ranges_m, n_samples, period_s, t0_s
+        As in `MatchedFilter`.
+    """
+
+    def __init__(
+        self,
+        speed_m_s: float,
+        centre_s: float,
+        ranges_m: NDArray[np.float64],
+        n_samples: int,
+        period_s: float,
+        t0_s: float = 0.0,
+    ) -> None:
+        self._sample_ranges = (t0_s + np.arange(n_samples) * period_s - centre_s) * speed_m_s / 2.0
+        self._ranges = ranges_m
+
+    def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
+        """Resample one ping, shape (n_samples,), to the range axis; scaled by the ping's norm as in eq. (3)."""
+        norm = float(np.linalg.norm(samples))
+        if norm == 0.0:
+            return np.zeros(len(self._ranges), dtype=np.complex64)
+        magnitude = np.interp(self._ranges, self._sample_ranges, np.abs(samples), left=0.0, right=0.0)
+        return (magnitude / norm).astype(np.complex64)
+
+
+class _Gridding:
+    """The spectrum sum_n z_n exp(-j w n) of n samples at arbitrary w in (0, pi) [rad / sample]."""
+
+    def __init__(self, n_samples: int, omega: NDArray[np.float64]) -> None:
+        self._size = scipy.fft.next_fast_len(2 * n_samples + 2 * _TAPS, real=True)
+        bins = omega * self._size / (2.0 * np.pi)
+        first = np.floor(bins).astype(np.int64) - _TAPS // 2 + 1
+        offsets = first[:, None] + np.arange(_TAPS)
+        beta = np.pi * _TAPS * (1.0 - n_samples / (2.0 * self._size))
+        inside = np.maximum(1.0 - (2.0 * (bins[:, None] - offsets) / _TAPS) ** 2, 0.0)
+        # Samples are centred about n = n_samples / 2, where the kernel's transform is smooth and wide.
+        centre = n_samples / 2.0
+        taps = np.i0(beta * np.sqrt(inside)) * np.exp(2j * np.pi * offsets * centre / self._size)
+        self._taps = (taps * np.exp(-1j * omega * centre)[:, None]).astype(np.complex64)
+        half = self._size // 2 + 1
+        wrapped = np.mod(offsets, self._size)
+        self._conjugate = wrapped >= half
+        self._bins = np.where(self._conjugate, self._size - wrapped, wrapped)
+        t = (np.arange(n_samples) - centre) * 2.0 * np.pi / self._size
+        argument = np.emath.sqrt(beta**2 - (_TAPS / 2.0 * t) ** 2)
+        kernel_transform = np.real(_TAPS * np.sinh(argument) / argument)
+        self._apodisation = (1.0 / kernel_transform).astype(np.float32)
+
+    def __call__(self, samples: NDArray[np.float32]) -> NDArray[np.complex64]:
+        spectrum = scipy.fft.rfft(samples * self._apodisation, self._size)
+        near = spectrum[self._bins]
+        np.conjugate(near, out=near, where=self._conjugate)
+        value: NDArray[np.complex64] = np.einsum('ij,ij->i', near, self._taps)
+        return value
+
+
+def _fold(spectrum: NDArray[np.complexfloating], size: int) -> NDArray[np.complexfloating]:
+    """Add up coefficients that an inverse FFT of `size` cannot tell apart."""
+    padded = np.zeros(-(-len(spectrum) // size) * size, dtype=spectrum.dtype)
+    padded[: len(spectrum)] = spectrum
+    folded: NDArray[np.complexfloating] = padded.reshape(-1, size).sum(axis=0)
+    return folded
