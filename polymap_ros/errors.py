@@ -38,6 +38,10 @@ class StateError(PolymapError):
     """A saved state cannot be continued."""
 
 
+class BadOdometry(PolymapError):
+    """One odometry message cannot be used; it is dropped and counted, never fatal."""
+
+
 class BadPing(PolymapError):
     """One ping cannot be used; it is dropped and counted, never fatal.
 

@@ -1,0 +1,39 @@
+"""From nav_msgs/msg/Odometry to a pose in the plane."""
+
+import math
+from typing import Any
+
+from polymap_ros.errors import BadOdometry
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.messages.echoes import stamp_to_ns
+
+NORM_TOLERANCE = 0.1
+"""A quaternion whose norm is further from 1 was never filled in, or is something else."""
+
+
+def stamped_pose(message: Any) -> tuple[int, str, Pose]:
+    """Read an odometry message, of rclpy or of rosbags.
+
+    Returns
+    -------
+    stamp_ns : int
+        Time of the pose [ns].
+    frame_id : str
+        Frame the pose is given in.
+    pose : Pose
+        Position in the xy plane [m] and heading, the rotation about z [rad].
+
+    Raises
+    ------
+    BadOdometry
+        For a pose that is not finite, or an orientation that is no rotation.
+    """
+    position, rotation = message.pose.pose.position, message.pose.pose.orientation
+    x, y, z, w = (float(value) for value in (rotation.x, rotation.y, rotation.z, rotation.w))
+    if not all(map(math.isfinite, (position.x, position.y, position.z, x, y, z, w))):
+        raise BadOdometry('odometry with a pose that is not finite')
+    norm = math.hypot(x, y, z, w)
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise BadOdometry(f'odometry with an orientation of norm {norm:g}; a rotation has 1')
+    yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return stamp_to_ns(message.header.stamp), message.header.frame_id, Pose(float(position.x), float(position.y), yaw)
