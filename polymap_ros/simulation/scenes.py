@@ -1,0 +1,196 @@
+"""A scene to simulate: the room, the path, the device and what disturbs it."""
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polymap_ros.errors import SceneError
+from polymap_ros.parameters import (
+    EchoParameters,
+    GridParameters,
+    MediumParameters,
+    Parameters,
+    PulseParameters,
+    SensorParameters,
+)
+
+_GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM = 1, 2, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Everything the simulator needs; the same scene gives the same samples.
+
+    Parameters
+    ----------
+    name : str
+        Name, for tables and files.
+    vertices : array_like, shape (n, 2)
+        Corners of the convex polygon [m] in the odometry's frame, in either direction; kept counter-clockwise.
+    poses : array_like, shape (T, 3)
+        True poses of the robot's base at the pings: x, y [m], yaw [rad]; every sensor position is inside.
+    medium, pulse, sensor, grid : parameter groups
+        As for the mapper; `parameters` hands them on.
+    sample_rate_hz : float
+        Sample rate [Hz].
+    n_samples : int
+        Samples per ping.
+    t0_s : float
+        Time of the first sample after emission [s].
+    snr_db : float or None
+        Ratio of the mean power of a ping's noise-free samples to the noise power [dB]; None: no noise.
+    order : int
+        Highest order of the image sources.
+    reflection : array_like, shape (n,), or float
+        Reflection coefficient of each edge, signed; edge i runs from vertex i to vertex i + 1.
+    seed : int
+        Seed of noise, gains and position errors, which are drawn from streams of their own.
+    ping_period_s : float
+        Time between two pings [s].
+    odometry_rate_hz : float
+        Rate of the odometry in a recording [Hz].
+    gain_range_db : float
+        The echoes' gain is uniform in +-half of this [dB], ping by ping, while the noise keeps its power.
+    position_noise_m : float
+        Standard deviation of the reported x and of the reported y at a ping [m].
+    """
+
+    name: str
+    vertices: NDArray[np.float64]
+    poses: NDArray[np.float64]
+    medium: MediumParameters = field(default_factory=MediumParameters)
+    pulse: PulseParameters = field(default_factory=PulseParameters)
+    sensor: SensorParameters = field(default_factory=SensorParameters)
+    grid: GridParameters = field(default_factory=GridParameters)
+    sample_rate_hz: float = 1e6
+    n_samples: int = 2048
+    t0_s: float = 0.0
+    snr_db: float | None = 0.0
+    order: int = 5
+    reflection: ArrayLike = 1.0
+    seed: int = 1
+    ping_period_s: float = 0.5
+    odometry_rate_hz: float = 20.0
+    gain_range_db: float = 0.0
+    position_noise_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        vertices = np.asarray(self.vertices, dtype=float)
+        poses = np.asarray(self.poses, dtype=float)
+        if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
+            raise SceneError(f'{self.name}: vertices must be at least 3 finite pairs [x, y]')
+        reflection = np.asarray(self.reflection, dtype=float)
+        if reflection.ndim == 0:
+            reflection = np.full(len(vertices), float(reflection))
+        if reflection.shape != (len(vertices),) or not (np.abs(reflection) <= 1.0).all():
+            raise SceneError(f'{self.name}: reflection must be one value, or one per edge, between -1 and 1')
+        if _twice_area(vertices) < 0.0:  # edge i of the reversed polygon is edge n - 2 - i of the given one
+            vertices, reflection = vertices[::-1], np.roll(reflection[::-1], -1)
+        for name, value in (('vertices', vertices), ('poses', poses), ('reflection', reflection)):
+            object.__setattr__(self, name, value)
+        self._check()
+
+    def _check(self) -> None:
+        if not is_convex(self.vertices):
+            raise SceneError(f'{self.name}: the polygon is not strictly convex, or it crosses itself')
+        if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
+            raise SceneError(f'{self.name}: poses must be at least one triple [x, y, yaw]')
+        clearances = clearance(self.vertices, self.positions)
+        if not clearances.min() > 0.0:
+            index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
+            raise SceneError(f'{self.name}: the sensor is not inside the polygon at pose {index}')
+        for name in ('sample_rate_hz', 'n_samples', 'ping_period_s', 'odometry_rate_hz'):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise SceneError(f'{self.name}: {name} must be above 0, found {getattr(self, name)!r}')
+        for name in ('order', 'seed', 'gain_range_db', 'position_noise_m'):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise SceneError(f'{self.name}: {name} must not be negative, found {getattr(self, name)!r}')
+        for name in ('t0_s', 'snr_db'):
+            if getattr(self, name) is not None and not np.isfinite(getattr(self, name)):
+                raise SceneError(f'{self.name}: {name} must be finite, found {getattr(self, name)!r}')
+
+    @property
+    def positions(self) -> NDArray[np.float64]:
+        """True sensor positions at the pings, shape (T, 2) [m]."""
+        return sensor_positions(self.poses, self.sensor)
+
+    @property
+    def period_s(self) -> float:
+        """Sample period [s]."""
+        return 1.0 / self.sample_rate_hz
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Time of each ping's first sample [ns]; the first emission is one second after zero."""
+        emissions = 1_000_000_000 + np.arange(len(self.poses)) * round(self.ping_period_s * 1e9)
+        return np.asarray(emissions + round(self.t0_s * 1e9), dtype=np.int64)
+
+    def gains(self) -> NDArray[np.float64]:
+        """Gain of the echoes of each ping, shape (T,)."""
+        draws = self.generator(_GAIN_STREAM).uniform(-0.5, 0.5, len(self.poses))
+        return np.asarray(10.0 ** (self.gain_range_db * draws / 20.0))
+
+    def reported_poses(self) -> NDArray[np.float64]:
+        """Poses that the odometry reports at the pings, shape (T, 3): the true ones and `position_noise_m`."""
+        errors = self.generator(_POSITION_STREAM).normal(size=(len(self.poses), 2))
+        reported = self.poses.copy()
+        reported[:, :2] += self.position_noise_m * errors
+        return reported
+
+    def noise(self) -> NDArray[np.float64]:
+        """White Gaussian noise of power 1, shape (T, n_samples)."""
+        return self.generator(_NOISE_STREAM).normal(size=(len(self.poses), self.n_samples))
+
+    def generator(self, stream: int) -> np.random.Generator:
+        """A generator of its own for each thing that is drawn, so that options do not disturb one another."""
+        return np.random.default_rng([self.seed, stream])
+
+    def parameters(self, base: Parameters | None = None) -> Parameters:
+        """The mapper's parameters for this scene: `base` with the scene's medium, pulse, timing, sensor and grid."""
+        base = base or Parameters()
+        echo: EchoParameters = dataclasses.replace(base.echo, t0_s=self.t0_s)
+        return dataclasses.replace(
+            base, medium=self.medium, pulse=self.pulse, echo=echo, sensor=self.sensor, grid=self.grid)
+
+
+def sensor_positions(poses: NDArray[np.float64], sensor: SensorParameters) -> NDArray[np.float64]:
+    """Positions (T, 2) of a sensor that sits at (x_m, y_m) in the base frame of poses (T, 3) [m]."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    return np.column_stack((poses[:, 0] + c * sensor.x_m - s * sensor.y_m,
+                            poses[:, 1] + s * sensor.x_m + c * sensor.y_m))
+
+
+def half_planes(vertices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Outward unit normals (n, 2) and offsets r (n,) of the edges of a counter-clockwise polygon, eq. (2)."""
+    along = np.roll(vertices, -1, axis=0) - vertices
+    normals = np.column_stack((along[:, 1], -along[:, 0])) / np.linalg.norm(along, axis=1)[:, None]
+    return normals, np.einsum('ij,ij->i', normals, vertices)
+
+
+def clearance(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of points (m, 2) from the nearest edge line [m]; negative outside the convex polygon."""
+    normals, offsets = half_planes(vertices)
+    return np.asarray((offsets - points @ normals.T).min(axis=1))
+
+
+def audible_feet(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where the perpendicular foot of point i is on edge j, so that its first-order echo exists; (m, n)."""
+    along = np.roll(vertices, -1, axis=0) - vertices
+    share = (points @ along.T - np.einsum('ij,ij->i', vertices, along)) / np.einsum('ij,ij->i', along, along)
+    return np.asarray((share >= 0.0) & (share <= 1.0))
+
+
+def is_convex(vertices: NDArray[np.float64]) -> bool:
+    """Whether a counter-clockwise polygon is strictly convex and goes round once."""
+    along = np.roll(vertices, -1, axis=0) - vertices
+    following = np.roll(along, -1, axis=0)
+    turns = np.arctan2(along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0],
+                       np.einsum('ij,ij->i', along, following))
+    return bool((turns > 1e-9).all() and abs(turns.sum() - 2.0 * np.pi) < 1e-6)
+
+
+def _twice_area(vertices: NDArray[np.float64]) -> float:
+    x, y = vertices.T
+    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))

@@ -1,0 +1,111 @@
+"""Paths of the robot: straight legs and turns, drawn, given, or taken from a recorded odometry."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.errors import SceneError
+from polymap_ros.simulation.scenes import half_planes
+
+_LEG_DRAWS = 32
+"""Draws of the next leg before a path is given up: in a corner most of them leave the room."""
+
+
+def legs(
+    start: tuple[float, float, float], turns_rad: Sequence[float], lengths_m: Sequence[float], step_m: float
+) -> NDArray[np.float64]:
+    """Poses (T, 3) every `step_m` of the way along legs, each begun by a turn on the spot.
+
+    Parameters
+    ----------
+    start : (float, float, float)
+        Pose before the first turn: x, y [m], yaw [rad]; also the place of the first ping.
+    turns_rad, lengths_m : sequences of float
+        Turn before each leg [rad], counter-clockwise, and its length [m].
+    step_m : float
+        Distance between two pings along the way [m].
+    """
+    if not (len(turns_rad) == len(lengths_m) > 0 and step_m > 0.0 and min(lengths_m) > 0.0):
+        raise SceneError('a trajectory needs legs [turn, length] with lengths above 0, and a step above 0')
+    headings = start[2] + np.cumsum(turns_rad)
+    moves = np.asarray(lengths_m)[:, None] * np.column_stack((np.cos(headings), np.sin(headings)))
+    corners = np.vstack((start[:2], start[:2] + np.cumsum(moves, axis=0)))
+    return _along(corners, headings, np.arange(0.0, np.sum(lengths_m) + 1e-9, step_m))
+
+
+def recorded(path: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    """Poses (count, 3) at equal distances along a recorded path of poses (N, 3), from its start to its end."""
+    path = np.asarray(path, dtype=float)
+    if path.ndim != 2 or path.shape[1] != 3 or not np.isfinite(path).all():
+        raise SceneError('a recorded path must be finite triples [x, y, yaw]')
+    travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1))))
+    moving = np.concatenate(([True], np.diff(travelled) > 0.0))
+    if not travelled[-1] > 0.0:
+        raise SceneError('the recorded path does not move')
+    at = np.linspace(0.0, travelled[-1], count)
+    yaw = np.unwrap(path[:, 2])
+    return np.column_stack([np.interp(at, travelled[moving], column[moving])
+                            for column in (path[:, 0], path[:, 1], yaw)])
+
+
+def fitted(
+    poses: NDArray[np.float64], vertices: NDArray[np.float64], clearance_m: float, turn_rad: float = 0.0
+) -> NDArray[np.float64]:
+    """Turn, scale and shift a path (T, 3) so that it fills the polygon, no nearer than `clearance_m` to an edge.
+
+    The largest scale s and the shift t follow from the linear programme: maximise s with
+    n_k . (s R x_i + t) <= r_k - clearance for all edges k and positions i.
+    """
+    from scipy.optimize import linprog
+
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    turned = poses[:, :2] @ np.array([[c, s], [-s, c]])
+    normals, offsets = half_planes(vertices)
+    furthest = (turned @ normals.T).max(axis=0)
+    solution = linprog([-1.0, 0.0, 0.0], A_ub=np.column_stack((furthest, normals)), b_ub=offsets - clearance_m,
+                       bounds=[(0.0, None), (None, None), (None, None)])
+    if not solution.success:
+        raise SceneError(f'no path fits into the polygon with a clearance of {clearance_m:g} m')
+    scale, x, y = solution.x
+    return np.column_stack((scale * turned + (x, y), poses[:, 2] + turn_rad))
+
+
+def random_legs(
+    vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator
+) -> NDArray[np.float64] | None:
+    """Draw poses (count, 3) about `step_m` apart on legs between random places at least `clearance_m` inside.
+
+    Each leg heads for a place drawn in the room and ends at the last whole step before it; the step varies by
+    +-7 % from leg to leg. None where the room leaves no leg of one step, or the walk ran into a dead end.
+    """
+    normals, offsets = half_planes(vertices)
+    limits = offsets - clearance_m
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    places = generator.uniform(low, high, size=(_LEG_DRAWS * count, 2))
+    places = places[(places @ normals.T <= limits).all(axis=1)]
+    steps = step_m * generator.uniform(0.93, 1.07, size=len(places))
+    if len(places) == 0:
+        return None
+    corners, headings, marks = [places[0]], [], [0.0]
+    for target, step in zip(places[1:], steps[1:], strict=True):
+        x, y = target - corners[-1]
+        hops = int(np.hypot(x, y) / step)
+        if hops == 0:
+            continue
+        headings.append(float(np.arctan2(y, x)))
+        corners.append(corners[-1] + hops * step * np.array([np.cos(headings[-1]), np.sin(headings[-1])]))
+        marks.extend(marks[-1] + step * np.arange(1, hops + 1))
+        if len(marks) >= count:
+            return _along(np.array(corners), np.array(headings), np.array(marks[:count]))
+    return None
+
+
+def _along(
+    corners: NDArray[np.float64], headings: NDArray[np.float64], travelled_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Poses at the given distances along a polyline (legs + 1, 2) with one heading per leg."""
+    ends = np.concatenate(([0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))))
+    leg = np.clip(np.searchsorted(ends, travelled_m - 1e-9) - 1, 0, len(headings) - 1)
+    x, y = (np.interp(travelled_m, ends, column) for column in corners.T)
+    return np.column_stack((x, y, np.asarray(headings)[leg]))

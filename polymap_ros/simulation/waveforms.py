@@ -1,0 +1,111 @@
+"""Eq. (1): the samples that a scene's pings receive, synthesised in the frequency domain."""
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from polymap_ros.acoustics.image_sources import visible_images
+from polymap_ros.acoustics.medium import Medium, group_speed, make_medium
+from polymap_ros.acoustics.pulse import Pulse, make_pulse
+from polymap_ros.jit import kernel
+from polymap_ros.simulation.scenes import Scene
+
+BAND_FLOOR = 1e-3
+"""Frequencies at which the echo is weaker than this, relative to its strongest, are left out."""
+
+
+def simulate(scene: Scene) -> NDArray[np.float64]:
+    """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains and noise."""
+    samples = scene.gains()[:, None] * (clean := noise_free(scene))
+    if scene.snr_db is None:
+        return np.asarray(samples)
+    power = np.mean(clean**2, axis=1, keepdims=True) * 10.0 ** (-scene.snr_db / 10.0)
+    return np.asarray(samples + np.sqrt(power) * scene.noise())
+
+
+def noise_free(scene: Scene) -> NDArray[np.float64]:
+    """Eq. (1) without noise and at gain 1, shape (T, n_samples)."""
+    synthesis = Synthesis(
+        make_medium(scene.medium), make_pulse(scene.pulse), scene.n_samples, scene.period_s, scene.t0_s)
+    pings = []
+    for position in scene.positions:
+        images = visible_images(scene.vertices, position, scene.order, scene.reflection)
+        pings.append(synthesis(images.distance_m, images.amplitude))
+    return np.array(pings)
+
+
+class Synthesis:
+    r"""Echoes of image sources, sampled over a window: z(w) = s(w) sum_m a_m g(d_m, w).
+
+    The spectrum is summed over a period of at least twice the window. A component of an image that arrives, by
+    its group delay d_m / v(w), after the end of the window is faded out towards the end of the period, so that
+    nothing wraps into the window; an image too far to be heard is thereby left out at all frequencies.
+
+    Parameters
+    ----------
+    medium : Medium
+        Dispersion, excitability and spreading of g.
+    pulse : Pulse
+        Excitation s(t).
+    n_samples : int
+        Samples of the window.
+    period_s : float
+        Sample period [s].
+    t0_s : float
+        Time of the first sample after emission [s].
+    """
+
+    def __init__(
+        self, medium: Medium, pulse: Pulse, n_samples: int, period_s: float, t0_s: float = 0.0
+    ) -> None:
+        end_s = t0_s + n_samples * period_s
+        start = min(t0_s, 0.0)
+        length_s = 2.0 * (end_s - start + pulse.duration_s)
+        self._n_samples = n_samples
+        self._period_s = period_s
+        self._spreading = medium.spreading
+        self._size = scipy.fft.next_fast_len(int(np.ceil(length_s / period_s)), real=True)
+        omega = 2.0 * np.pi * np.arange(1, self._size // 2) / (self._size * period_s)
+        strength = pulse.spectrum(omega) * medium.excitability(omega)
+        inside = np.flatnonzero(np.abs(strength) > BAND_FLOOR * np.abs(strength).max())
+        band = slice(inside[0], inside[-1] + 1)
+        omega = omega[band]
+        self._bins = slice(band.start + 1, band.stop + 1)
+        self._strength = strength[band] * np.exp(1j * omega * t0_s) / period_s
+        self._wavenumber = medium.wavenumber(omega)
+        speed = group_speed(medium, omega / (2.0 * np.pi))
+        self._heard_m = speed * end_s
+        self._faded_m = speed * (start + self._size * period_s - pulse.duration_s)
+
+    def __call__(self, distance_m: NDArray[np.float64], amplitude: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Samples (n_samples,) of images at distances (m,) [m] with amplitudes (m,) before spreading."""
+        near = distance_m < self._faded_m.max()
+        weights = amplitude[near] * distance_m[near] ** -self._spreading
+        spectrum = np.zeros(self._size // 2 + 1, dtype=complex)
+        spectrum[self._bins] = self._strength * _sum_of_images(
+            self._wavenumber, self._heard_m, self._faded_m, distance_m[near], weights)
+        return np.asarray(scipy.fft.irfft(spectrum, self._size)[:self._n_samples])
+
+
+@kernel
+def _sum_of_images(
+    wavenumber: NDArray[np.float64],
+    heard_m: NDArray[np.float64],
+    faded_m: NDArray[np.float64],
+    distance_m: NDArray[np.float64],
+    weights: NDArray[np.float64],
+) -> NDArray[np.complex128]:
+    """Sum over m of weights_m exp(-j k d_m) at each k, faded from 1 at heard_m to 0 at faded_m."""
+    total = np.zeros(len(wavenumber), dtype=np.complex128)
+    for i in range(len(wavenumber)):
+        real, imaginary = 0.0, 0.0
+        for m in range(len(distance_m)):
+            d = distance_m[m]
+            if d < faded_m[i]:
+                weight = weights[m]
+                if d > heard_m[i]:
+                    weight *= 0.5 + 0.5 * np.cos(np.pi * (d - heard_m[i]) / (faded_m[i] - heard_m[i]))
+                real += weight * np.cos(wavenumber[i] * d)
+                imaginary -= weight * np.sin(wavenumber[i] * d)
+        total[i] = complex(real, imaginary)
+    return total
