@@ -1,0 +1,137 @@
+"""The samples against independent sums over images, in the time and in the frequency domain."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polymap_ros.acoustics.medium import make_medium, transfer
+from polymap_ros.acoustics.pulse import make_pulse
+from polymap_ros.parameters import MediumParameters, PulseParameters
+from polymap_ros.simulation import waveforms
+from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.simulation.scenes import Scene
+from polymap_ros.simulation.waveforms import Synthesis, noise_free, simulate
+
+WATER = MediumParameters(model='constant', speed_m_s=1480.0)
+TONE = PulseParameters()
+
+
+def burst(t):
+    """Two cycles at 100 kHz under a Hann window, as a function of time [s]."""
+    inside = (t >= 0.0) & (t <= 2e-5)
+    return np.where(inside, np.sin(np.pi * t / 2e-5) ** 2 * np.sin(2.0 * np.pi * 1e5 * t), 0.0)
+
+
+def plate_echo(distance, n=2048, t0=0.0, longer=64):
+    """Echo of one path in the 6 mm plate, over the whole band and a period so long that nothing wraps."""
+    n_long = n * longer
+    omega = 2.0 * np.pi * np.fft.rfftfreq(n_long, 1e-6)[1:]
+    spectrum = make_pulse(TONE).spectrum(omega) * transfer(make_medium(MediumParameters()), distance, omega)
+    spectrum *= np.exp(1j * omega * t0)
+    return np.fft.irfft(np.concatenate(([0.0], spectrum)), n_long)[:n] * 1e6
+
+
+def images_by_pyroomacoustics(vertices, position, order, reflection):
+    """Distances and amplitudes of the images that pyroomacoustics lists as audible at their own source."""
+    pra = pytest.importorskip('pyroomacoustics')
+    edges = [pra.Material(energy_absorption=1.0 - coefficient**2) for coefficient in reflection]
+    room = pra.Room.from_corners(np.asarray(vertices).T, fs=16000, max_order=order, materials=edges)
+    room.add_source(position)
+    room.add_microphone(np.asarray(position))
+    room.image_source_model()
+    source = room.sources[0]
+    heard = room.visibility[0][0].astype(bool) & (source.orders > 0)
+    distance = np.linalg.norm(source.images[:, heard] - np.asarray(position)[:, None], axis=0)
+    return distance, source.damping[0, heard]
+
+
+def relative_error(samples, expected):
+    return np.abs(samples - expected).max() / np.abs(expected).max()
+
+
+def test_without_dispersion_every_echo_is_a_delayed_pulse():
+    scene = Scene('water', [[0, 0], [0.7, 0], [0.9, 0.4], [0.1, 0.6]], [[0.4, 0.25, 0.0]], medium=WATER, snr_db=None,
+                  order=1, reflection=[1.0, -0.5, 0.8, 0.3])
+    expected = np.zeros(scene.n_samples)
+    t = np.arange(scene.n_samples) * 1e-6
+    corners = np.asarray(scene.vertices)
+    for a, b, coefficient in zip(corners, np.roll(corners, -1, axis=0), scene.reflection, strict=True):
+        unit = (b - a) / np.linalg.norm(b - a)
+        path = 2.0 * abs(unit[0] * (0.25 - a[1]) - unit[1] * (0.4 - a[0]))
+        expected += coefficient * burst(t - path / 1480.0) / path
+    assert relative_error(noise_free(scene)[0], expected) < 3e-3
+
+
+def test_in_a_plate_one_wall_gives_the_dispersed_echo_of_its_path():
+    scene = Scene('plate', [[0, 0], [9, 0], [9, 9], [0, 9]], [[4.5, 0.8, 0.0]], snr_db=None)
+    assert relative_error(noise_free(scene)[0], plate_echo(1.6)) < 2e-3
+
+
+def test_a_right_angled_corner_adds_one_echo_from_the_corner():
+    scene = Scene('plate', [[0, 0], [9, 0], [9, 9], [0, 9]], [[0.3, 0.4, 0.0]], snr_db=None, order=2,
+                  reflection=[0.9, 1.0, 1.0, -0.5])
+    expected = 0.9 * plate_echo(0.8) - 0.5 * plate_echo(0.6) - 0.45 * plate_echo(1.0)
+    assert relative_error(noise_free(scene)[0], expected) < 2e-3
+
+
+def test_a_narrower_corner_adds_two_echoes_of_equal_length():
+    angle, far = np.deg2rad(60.0), 9.0
+    room = [[0, 0], [far, 0], [far * np.cos(angle), far * np.sin(angle)]]
+    position = 0.5 * np.array([np.cos(angle / 2.0), np.sin(angle / 2.0)])
+    scene = Scene('plate', room, [[*position, 0.0]], snr_db=None, order=2)
+    expected = 2.0 * plate_echo(2 * 0.5 * np.sin(angle / 2.0)) + 2.0 * plate_echo(2 * 0.5 * np.sin(angle))
+    assert relative_error(noise_free(scene)[0], expected) < 2e-3
+
+
+@pytest.mark.parametrize('edges', [3, 5, 8])
+def test_a_random_scene_is_the_sum_over_the_images_of_pyroomacoustics(edges):
+    reflection = np.linspace(0.6, 1.0, edges)
+    scene = dataclasses.replace(random_scene(4, edges), snr_db=None, order=4, reflection=reflection)
+    scene = dataclasses.replace(scene, poses=scene.poses[[0, 31]])
+    for position, samples in zip(scene.positions, noise_free(scene), strict=True):
+        distances, amplitudes = images_by_pyroomacoustics(scene.vertices, position, 4, reflection)
+        expected = sum(a * plate_echo(d, longer=8) for d, a in zip(distances, amplitudes, strict=True))
+        assert relative_error(samples, expected) < 4e-3
+
+
+def test_nothing_wraps_into_the_window(monkeypatch):
+    """With the whole band, far images that reach the window late or never leave no trace at its start."""
+    monkeypatch.setattr(waveforms, 'BAND_FLOOR', 1e-6)
+    synthesis = Synthesis(make_medium(MediumParameters()), make_pulse(TONE), 2048, 1e-6)
+    peak = np.abs(plate_echo(1.0)).max()
+    for distance in (0.3, 5.0, 7.0, 60.0):
+        error = np.abs(synthesis(np.array([distance]), np.array([1.0])) - plate_echo(distance, longer=64)).max()
+        assert error < 2e-4 * peak, distance
+
+
+@pytest.mark.parametrize('t0_s', [1.5e-4, -1.5e-4])
+def test_the_first_sample_may_come_before_or_after_emission(t0_s):
+    scene = Scene('plate', [[0, 0], [9, 0], [9, 9], [0, 9]], [[4.5, 0.8, 0.0]], snr_db=None, t0_s=t0_s)
+    assert relative_error(noise_free(scene)[0], plate_echo(1.6, t0=t0_s)) < 2e-3
+
+
+@pytest.mark.parametrize('snr_db', [0.0, -10.0, 20.0])
+def test_noise_has_the_power_asked_for_in_every_ping(snr_db):
+    scene = dataclasses.replace(random_scene(1, 4), snr_db=snr_db)
+    clean = noise_free(scene)
+    noise = simulate(scene) - clean
+    ratio = 10.0 * np.log10(np.mean(clean**2, axis=1) / np.mean(noise**2, axis=1))
+    np.testing.assert_allclose(ratio, snr_db, atol=0.6)  # 4.3 sigma of a power over 2,048 samples
+    assert np.mean(ratio) == pytest.approx(snr_db, abs=0.08)
+    spectrum = np.mean(np.abs(np.fft.rfft(noise / noise.std(axis=1, keepdims=True)))**2, axis=0) / 2048
+    np.testing.assert_allclose(spectrum[1:-1].reshape(11, -1).mean(axis=1), 1.0, atol=0.06)
+
+
+def test_gains_change_the_echoes_and_leave_the_noise():
+    scene = dataclasses.replace(random_scene(1, 4), snr_db=0.0)
+    varied = dataclasses.replace(scene, gain_range_db=6.0)
+    clean = noise_free(scene)
+    np.testing.assert_allclose(simulate(varied) - varied.gains()[:, None] * clean, simulate(scene) - clean, atol=1e-9)
+
+
+def test_the_same_scene_gives_the_same_samples_and_another_seed_other_noise():
+    scene = random_scene(1, 4)
+    np.testing.assert_array_equal(simulate(scene), simulate(random_scene(1, 4)))
+    other = dataclasses.replace(scene, seed=99)
+    assert np.abs(np.corrcoef(scene.noise()[0], other.noise()[0])[0, 1]) < 0.1
