@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias, get_type_hints
 
 import yaml
 
@@ -35,7 +35,7 @@ def parameter(
     return field(
         default=default,
         metadata={
-            'text': text, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'above': above,
+            'default': default, 'text': text, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'above': above,
             'choices': choices, 'live': live,
         },
     )
@@ -60,7 +60,7 @@ class Specification:
         """Return `value` in the parameter's type, or raise `ParameterError` with what is allowed."""
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(value)
-        if type(value) is not self.type:
+        if not isinstance(value, (bool, int, float, str)) or type(value) is not self.type:
             raise ParameterError(
                 self.name, f'{value!r} is of type {type(value).__name__}; allowed: {self.allowed()}'
             )
@@ -68,7 +68,7 @@ class Specification:
             raise ParameterError(self.name, f'{value!r} is not known; allowed: {self.allowed()}')
         if isinstance(value, (int, float)) and not isinstance(value, bool) and not self._within(value):
             raise ParameterError(self.name, f'{value!r} is out of range; allowed: {self.allowed()}')
-        return value  # type: ignore[return-value]
+        return value
 
     def _within(self, value: float) -> bool:
         return (
@@ -91,18 +91,18 @@ class Specification:
         return f'{kind} in {left}, {right} {self.unit}'.strip()
 
 
-def _specifications(group: type, prefix: str) -> Iterator[Specification]:
+def _specifications(group: type['Group'], prefix: str) -> Iterator[Specification]:
     for entry in dataclasses.fields(group):
         if 'text' in entry.metadata:
-            yield Specification(
-                name=prefix + entry.name, type=type(entry.default), default=entry.default, **entry.metadata
-            )
+            kind = type(entry.metadata['default'])
+            yield Specification(name=prefix + entry.name, type=kind, **entry.metadata)
 
 
+@dataclass(frozen=True)
 class Group:
     """Base of the parameter groups: checks every value against its specification when constructed."""
 
-    PREFIX = ''
+    PREFIX: ClassVar[str] = ''
 
     def __post_init__(self) -> None:
         for spec in _specifications(type(self), self.PREFIX):
@@ -161,10 +161,10 @@ class PulseParameters(Group):
         if self.kind == 'chirp':
             for name in ('bandwidth_hz', 'duration_s'):
                 if getattr(self, name) <= 0.0:
-                    raise ParameterError(f'pulse.{name}', f'a chirp needs a value above 0, found {getattr(self, name)!r}')
+                    raise ParameterError(f'pulse.{name}', f'{getattr(self, name)!r}; a chirp needs a value above 0')
             if self.bandwidth_hz >= 2.0 * self.frequency_hz:
-                raise ParameterError('pulse.bandwidth_hz',
-                                     f'{self.bandwidth_hz!r} reaches below 0 Hz; allowed: below twice pulse.frequency_hz')
+                raise ParameterError('pulse.bandwidth_hz', f'{self.bandwidth_hz!r} reaches below 0 Hz; allowed: '
+                                     f'below twice pulse.frequency_hz ({self.frequency_hz!r})')
         if self.kind == 'file' and not self.path:
             raise ParameterError('pulse.path', "'' names no file; pulse.kind 'file' needs a .npy or .wav")
 
@@ -183,6 +183,12 @@ class EchoParameters(Group):
     sample_period_s: float = parameter(0.0, 'sample period; 0: from the message', unit='s', minimum=0.0)
     blanking_m: float = parameter(0.02, 'no echo is looked for nearer than this', unit='m', minimum=0.0)
     allow_unstamped: bool = parameter(False, 'take Float32MultiArray, stamped on arrival')
+
+    def check(self) -> None:
+        if self.type.endswith(('/Image', '/Float32MultiArray')) and self.sample_period_s <= 0.0:
+            raise ParameterError('echo.sample_period_s', f'{self.type} has no sample period; allowed: above 0')
+        if self.type.endswith('/Float32MultiArray') and not self.allow_unstamped:
+            raise ParameterError('echo.allow_unstamped', f'{self.type} has no stamp; true takes it, stamped on arrival')
 
 
 @dataclass(frozen=True)
@@ -336,10 +342,8 @@ def specifications() -> list[Specification]:
     return list(_BY_NAME.values())
 
 
-_GROUPS = {entry.name: entry.default_factory for entry in dataclasses.fields(Parameters)
-           if entry.default_factory is not dataclasses.MISSING}
-_BY_NAME = {spec.name: spec for name, group in _GROUPS.items()
-            for spec in _specifications(group, f'{name}.')}  # type: ignore[arg-type]
+_GROUPS = {name: kind for name, kind in get_type_hints(Parameters).items() if issubclass(kind, Group)}
+_BY_NAME = {spec.name: spec for name, group in _GROUPS.items() for spec in _specifications(group, f'{name}.')}
 
 
 def _suggestion(name: str) -> str:

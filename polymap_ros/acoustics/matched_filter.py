@@ -69,20 +69,19 @@ class MatchedFilter:
         t0_s: float = 0.0,
     ) -> None:
         step = float(ranges_m[1] - ranges_m[0])
-        dense = np.linspace(0.0, np.pi / period_s, 4097)[1:]
-        strength = np.abs(pulse.spectrum(dense)) * medium.excitability(dense)
-        inside = np.flatnonzero(strength > BAND_FLOOR * strength.max())
-        band = dense[[inside[0], inside[-1]]]
-        fastest = float(group_speed(medium, np.linspace(*band, 256) / (2.0 * np.pi)).max())
+        band = _band(medium, pulse, period_s)
+        wavenumbers = medium.wavenumber(band)
+        fastest = float(group_speed(medium, band / (2.0 * np.pi)).max())
 
-        # The sum over k repeats in r with period pi / dk, which has to hold the latest sample and the axis.
-        reach = fastest * abs(t0_s + n_samples * period_s) / 2.0
-        period_m = 1.1 * max(reach, ranges_m[-1] + step)
+        # The sum over k repeats in r with period pi / dk, which has to hold all that the samples between first and
+        # last can be echoes of, the axis, and a pulse's length between the two ends.
+        last = max(0.55 * fastest * (t0_s + n_samples * period_s), 1.1 * (ranges_m[-1] + step))
+        first = min(0.55 * fastest * t0_s, 0.0) - fastest * pulse.duration_s
         self._n_ranges = len(ranges_m)
-        self._size = scipy.fft.next_fast_len(int(np.ceil(period_m / step)))
+        self._size = scipy.fft.next_fast_len(int(np.ceil((last - first) / step)))
         dk = np.pi / (self._size * step)
-        k = np.arange(medium.wavenumber(band[:1])[0], medium.wavenumber(band[1:])[0], dk)
-        omega = np.interp(k, medium.wavenumber(dense), dense)
+        k = np.arange(wavenumbers[0], wavenumbers[-1], dk)
+        omega = np.interp(k, wavenumbers, band)
         for _ in range(3):  # Newton's method on k(w) = k
             omega -= (medium.wavenumber(omega) - k) * group_speed(medium, omega / (2.0 * np.pi))
         speed = group_speed(medium, omega / (2.0 * np.pi))
@@ -92,22 +91,21 @@ class MatchedFilter:
         self._grid = _Gridding(n_samples, omega * period_s)
         weight = np.conj(echo) * speed * np.exp(-1j * omega * t0_s) * dk / np.pi * np.sqrt(period_s / energy)
         self._weight = weight.astype(np.complex64)
-        self._carrier = np.exp(2j * k[0] * ranges_m).astype(np.complex64)
-        lags = step * np.arange(1 - self._n_ranges, self._n_ranges)
+        self._carrier = (self._size * np.exp(2j * k[0] * ranges_m)).astype(np.complex64)
+        lags = np.arange(1 - self._n_ranges, self._n_ranges)
         power = np.abs(echo) ** 2 * speed * dk / np.pi / energy
         folded = self._size * scipy.fft.ifft(_fold(power.astype(complex), self._size))
-        self.autocorrelation = folded[np.arange(1 - self._n_ranges, self._n_ranges)] * np.exp(2j * k[0] * lags)
+        self.autocorrelation = folded[lags] * np.exp(2j * k[0] * step * lags)
 
     def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
         """Correlate one ping, shape (n_samples,); returns shape (n_ranges,), at most 1 in magnitude."""
-        z = np.asarray(samples, dtype=np.float32)
-        norm = np.sqrt(np.dot(z, z))
+        z = np.asarray(samples, dtype=float)
+        norm = float(np.linalg.norm(z))
         if norm == 0.0:
             return np.zeros(self._n_ranges, dtype=np.complex64)
-        spectrum = self._grid(z) * self._weight
-        total = scipy.fft.ifft(_fold(spectrum, self._size), overwrite_x=True)[: self._n_ranges]
+        spectrum = self._grid((z / norm).astype(np.float32)) * self._weight
+        total: NDArray[np.complex64] = scipy.fft.ifft(_fold(spectrum, self._size), overwrite_x=True)[: self._n_ranges]
         total *= self._carrier
-        total *= np.float32(self._size / norm)
         return total
 
 
@@ -138,11 +136,12 @@ class EnvelopeFilter:
 
     def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
         """Resample one ping, shape (n_samples,), to the range axis; scaled by the ping's norm as in eq. (3)."""
-        norm = float(np.linalg.norm(samples))
+        norm = float(np.linalg.norm(np.asarray(samples, dtype=float)))
         if norm == 0.0:
             return np.zeros(len(self._ranges), dtype=np.complex64)
         magnitude = np.interp(self._ranges, self._sample_ranges, np.abs(samples), left=0.0, right=0.0)
-        return (magnitude / norm).astype(np.complex64)
+        scaled: NDArray[np.complex64] = (magnitude / norm).astype(np.complex64)
+        return scaled
 
 
 class _Gridding:
@@ -174,6 +173,15 @@ class _Gridding:
         np.conjugate(near, out=near, where=self._conjugate)
         value: NDArray[np.complex64] = np.einsum('ij,ij->i', near, self._taps)
         return value
+
+
+def _band(medium: Medium, pulse: Pulse, period_s: float) -> NDArray[np.float64]:
+    """Uniform frequencies [rad/s] over the band of the expected echo, fine enough for its pulse's lobes."""
+    count = max(4096, int(np.ceil(2.0 * pulse.duration_s / period_s)))
+    omega = np.linspace(0.0, np.pi / period_s, count + 1)[1:]
+    strength = np.abs(pulse.spectrum(omega)) * medium.excitability(omega)
+    inside = np.flatnonzero(strength > BAND_FLOOR * strength.max())
+    return omega[inside[0]:inside[-1] + 1]
 
 
 def _fold(spectrum: NDArray[np.complexfloating], size: int) -> NDArray[np.complexfloating]:

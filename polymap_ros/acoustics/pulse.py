@@ -56,7 +56,7 @@ class ToneBurst:
         return self.duration_s / 2.0
 
     def samples(self, period_s: float) -> NDArray[np.float64]:
-        t = np.arange(int(self.duration_s / period_s + 1e-9) + 1) * period_s
+        t = _times(self.duration_s, period_s)
         wave: NDArray[np.float64] = _window(t, self.duration_s, self.hann) * np.sin(2.0 * np.pi * self.frequency_hz * t)
         return wave
 
@@ -91,7 +91,7 @@ class Chirp:
         return self.duration_s / 2.0
 
     def samples(self, period_s: float) -> NDArray[np.float64]:
-        t = np.arange(int(self.duration_s / period_s + 1e-9) + 1) * period_s
+        t = _times(self.duration_s, period_s)
         start = self.frequency_hz - self.bandwidth_hz / 2.0
         phase = 2.0 * np.pi * (start * t + 0.5 * self.bandwidth_hz / self.duration_s * t * t)
         wave: NDArray[np.float64] = _window(t, self.duration_s, self.hann) * np.sin(phase)
@@ -132,13 +132,21 @@ class RecordedPulse:
         return float(self.period_s * (energy @ np.arange(len(energy))) / energy.sum())
 
     def samples(self, period_s: float) -> NDArray[np.float64]:
-        t = np.arange(int(self.duration_s / period_s + 1e-9) + 1) * period_s
-        return np.interp(t, np.arange(len(self.recorded)) * self.period_s, self.recorded)
+        t = np.arange(len(self.recorded)) * self.period_s
+        wave: NDArray[np.float64] = np.interp(_times(self.duration_s, period_s), t, self.recorded)
+        return wave
 
     def spectrum(self, omega_rad_s: ArrayLike) -> NDArray[np.complex128]:
         omega = np.asarray(omega_rad_s, dtype=float)
-        below = np.abs(omega) <= np.pi / self.period_s
-        return np.where(below, _transform(self.recorded, self.period_s, omega), 0.0)
+        spectrum = _transform(self.recorded, self.period_s, omega)
+        spectrum[np.abs(omega) > np.pi / self.period_s] = 0.0
+        return spectrum
+
+
+def _times(duration: float, period: float) -> NDArray[np.float64]:
+    """All multiples of the period within the duration, both ends included."""
+    times: NDArray[np.float64] = np.arange(int(duration / period + 1e-9) + 1, dtype=float) * period
+    return times
 
 
 def _window(t: NDArray[np.float64], duration: float, hann: bool) -> NDArray[np.float64]:
@@ -147,12 +155,13 @@ def _window(t: NDArray[np.float64], duration: float, hann: bool) -> NDArray[np.f
 
 def _transform(wave: NDArray[np.float64], period: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
     """Sum of wave_k exp(-j w k period) * period, in blocks of bounded memory."""
-    t = np.arange(len(wave)) * period
+    t = np.arange(len(wave), dtype=float) * period
     flat = omega.ravel()
     block = max(1, 4_000_000 // len(wave))
-    parts = [np.exp(-1j * np.outer(flat[i:i + block], t)) @ wave for i in range(0, len(flat), block)]
-    value: NDArray[np.complex128] = (np.concatenate(parts) * period).reshape(omega.shape)
-    return value
+    value = np.empty(flat.shape, dtype=np.complex128)
+    for i in range(0, len(flat), block):
+        value[i:i + block] = period * (np.exp(-1j * np.outer(flat[i:i + block], t)) @ wave)
+    return value.reshape(omega.shape)
 
 
 def make_pulse(

@@ -40,4 +40,4 @@ def closest_range(envelope: NDArray[np.floating], step_m: float, blanking_m: flo
         return float('nan')
     at = first + int(peaks[0])
     left, top, right = e[at - 1:at + 2]
-    return step_m * (at + 0.5 * (left - right) / (left - 2.0 * top + right))
+    return float(step_m * (at + 0.5 * (left - right) / (left - 2.0 * top + right)))
