@@ -1,0 +1,36 @@
+"""The ground truth that `polymap_simulate` leaves beside a recording."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.errors import RecordingError
+
+TRUTH_NAME = 'truth.json'
+
+
+def truth_path(recording: Path) -> Path:
+    """Where a recording's truth is: inside a rosbag2 directory, next to a bare file."""
+    return (recording if recording.is_dir() else recording.parent) / TRUTH_NAME
+
+
+def read_truth(recording: Path) -> NDArray[np.float64] | None:
+    """Corners of the true polygon, shape (n, 2) [m] in the odometry's frame; None where no truth is known.
+
+    Raises
+    ------
+    RecordingError
+        For a truth.json that is not ``{"vertices": [[x, y], ...]}`` with at least three corners.
+    """
+    path = truth_path(recording)
+    if not path.exists():
+        return None
+    try:
+        vertices = np.array(json.loads(path.read_text(encoding='utf-8'))['vertices'], dtype=float)
+    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
+        raise RecordingError(f'{path}: is no ground truth ({type(error).__name__}: {error})') from error
+    if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
+        raise RecordingError(f'{path}: vertices of shape {vertices.shape}; allowed: at least three finite [x, y]')
+    return vertices
