@@ -74,8 +74,7 @@ def air_filled(scene: Scene, pulse: str = 'tone_burst') -> Scene:
     return dataclasses.replace(
         scene, vertices=vertices, poses=poses, pulse=shape[pulse],
         medium=MediumParameters(model='constant', speed_m_s=SPEED_OF_SOUND_M_S),
-        grid=GridParameters(range_max_m=12.0), sample_rate_hz=200_000.0, n_samples=14336,
-        ping_period_s=_ROOM_SCALE * scene.ping_period_s)
+        grid=GridParameters(range_max_m=12.0), sample_rate_hz=200_000.0, n_samples=14336)
 
 
 def lossy(scene: Scene, least: float = 0.5) -> Scene:

@@ -77,39 +77,28 @@ class Scene:
     position_noise_m: float = 0.0
 
     def __post_init__(self) -> None:
-        vertices = np.asarray(self.vertices, dtype=float)
-        poses = np.asarray(self.poses, dtype=float)
-        if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
-            raise SceneError(f'{self.name}: vertices must be at least 3 finite pairs [x, y]')
-        reflection = np.asarray(self.reflection, dtype=float)
-        if reflection.ndim == 0:
-            reflection = np.full(len(vertices), float(reflection))
-        if reflection.shape != (len(vertices),) or not (np.abs(reflection) <= 1.0).all():
-            raise SceneError(f'{self.name}: reflection must be one value, or one per edge, between -1 and 1')
-        if _twice_area(vertices) < 0.0:  # edge i of the reversed polygon is edge n - 2 - i of the given one
-            vertices, reflection = vertices[::-1], np.roll(reflection[::-1], -1)
-        for name, value in (('vertices', vertices), ('poses', poses), ('reflection', reflection)):
+        vertices, reflection = counter_clockwise(self.vertices, self.reflection)
+        for name, value in (('vertices', vertices), ('poses', np.asarray(self.poses, dtype=float)),
+                            ('reflection', reflection)):
             object.__setattr__(self, name, value)
         self._check()
 
     def _check(self) -> None:
-        if not is_convex(self.vertices):
-            raise SceneError(f'{self.name}: the polygon is not strictly convex, or it crosses itself')
         if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
-            raise SceneError(f'{self.name}: poses must be at least one triple [x, y, yaw]')
+            raise SceneError('poses must be at least one triple [x, y, yaw]')
         clearances = clearance(self.vertices, self.positions)
         if not clearances.min() > 0.0:
             index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
-            raise SceneError(f'{self.name}: the sensor is not inside the polygon at pose {index}')
-        for name in ('sample_rate_hz', 'n_samples', 'ping_period_s', 'odometry_rate_hz'):
+            raise SceneError(f'the sensor is not inside the polygon at pose {index}')
+        for name in ('sample_rate_hz', 'n_samples', 'order', 'ping_period_s', 'odometry_rate_hz'):
             if not 0.0 < getattr(self, name) < np.inf:
-                raise SceneError(f'{self.name}: {name} must be above 0, found {getattr(self, name)!r}')
-        for name in ('order', 'seed', 'gain_range_db', 'position_noise_m'):
+                raise SceneError(f'{name} must be above 0, found {getattr(self, name)!r}')
+        for name in ('seed', 'gain_range_db', 'position_noise_m'):
             if not 0 <= getattr(self, name) < np.inf:
-                raise SceneError(f'{self.name}: {name} must not be negative, found {getattr(self, name)!r}')
+                raise SceneError(f'{name} must not be negative, found {getattr(self, name)!r}')
         for name in ('t0_s', 'snr_db'):
             if getattr(self, name) is not None and not np.isfinite(getattr(self, name)):
-                raise SceneError(f'{self.name}: {name} must be finite, found {getattr(self, name)!r}')
+                raise SceneError(f'{name} must be finite, found {getattr(self, name)!r}')
 
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -182,15 +171,30 @@ def audible_feet(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> 
     return np.asarray((share >= 0.0) & (share <= 1.0))
 
 
-def is_convex(vertices: NDArray[np.float64]) -> bool:
-    """Whether a counter-clockwise polygon is strictly convex and goes round once."""
-    along = np.roll(vertices, -1, axis=0) - vertices
+def counter_clockwise(
+    vertices: ArrayLike, reflection: ArrayLike = 1.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Check a convex polygon (n, 2) and its reflection coefficients, one or (n,), and put both counter-clockwise.
+
+    Raises
+    ------
+    SceneError
+        If the polygon is not strictly convex, or a coefficient is not between -1 and 1.
+    """
+    corners, coefficients = np.asarray(vertices, dtype=float), np.asarray(reflection, dtype=float)
+    if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2 or not np.isfinite(corners).all():
+        raise SceneError('vertices must be at least 3 finite pairs [x, y]')
+    if coefficients.ndim == 0:
+        coefficients = np.full(len(corners), float(coefficients))
+    if coefficients.shape != (len(corners),) or not (np.abs(coefficients) <= 1.0).all():
+        raise SceneError('reflection must be one value, or one per edge, between -1 and 1')
+    x, y = corners.T
+    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:
+        corners, coefficients = corners[::-1], np.roll(coefficients[::-1], -1)  # edge i was edge n - 2 - i
+    along = np.roll(corners, -1, axis=0) - corners
     following = np.roll(along, -1, axis=0)
     turns = np.arctan2(along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0],
                        np.einsum('ij,ij->i', along, following))
-    return bool((turns > 1e-9).all() and abs(turns.sum() - 2.0 * np.pi) < 1e-6)
-
-
-def _twice_area(vertices: NDArray[np.float64]) -> float:
-    x, y = vertices.T
-    return float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    if not ((turns > 1e-9).all() and abs(turns.sum() - 2.0 * np.pi) < 1e-6):
+        raise SceneError('the polygon is not strictly convex, or it goes round more than once')
+    return corners, coefficients

@@ -1,0 +1,174 @@
+"""Scenes as YAML files, and the built-in ones.
+
+The keys are the fields of `Scene`; the path is either `poses`, a list of [x, y, yaw] in metres and radians, or a
+`trajectory`, one of::
+
+    trajectory: {start: [x, y, yaw_deg], legs: [[turn_deg, length_m], ...], step_m: 0.14}
+    trajectory: {pings: 60, step_m: 0.14, clearance_m: 0.06}                        # drawn, from the seed
+    trajectory: {recording: PATH, topic: odom, pings: 60, clearance_m: 0.06, turn_deg: 0.0}
+
+The last takes the way that a recorded odometry went, scaled to fill the room.
+"""
+
+import dataclasses
+import difflib
+from collections.abc import Callable, Mapping
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from polymap_ros.errors import ParameterError, SceneError
+from polymap_ros.parameters import GridParameters, MediumParameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.scenes import Scene, counter_clockwise
+from polymap_ros.simulation.trajectories import fitted, legs, random_legs, recorded
+
+ReadPath = Callable[[Path, str], NDArray[np.float64]]
+"""Reads the poses (N, 3) of an odometry topic from a recording."""
+
+_GROUPS = {'medium': MediumParameters, 'pulse': PulseParameters, 'sensor': SensorParameters, 'grid': GridParameters}
+_INTEGERS = ('n_samples', 'order', 'seed', 'pings')
+_SUFFIX = '.scene.yaml'
+_PATH_STREAM = 4
+_RANDOM_PATHS = 1000
+
+
+def built_in_scenes() -> list[str]:
+    """Names of the scenes that come with the package."""
+    return sorted(entry.name.removesuffix(_SUFFIX) for entry in _folder().iterdir() if entry.name.endswith(_SUFFIX))
+
+
+def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
+    """Read a scene file, or the built-in scene of that name.
+
+    Parameters
+    ----------
+    name : str
+        A path, or one of `built_in_scenes`.
+    read_path : callable, optional
+        What reads a trajectory's recording; without it such a trajectory is refused.
+
+    Raises
+    ------
+    SceneError
+        Names the file and what is wrong with it.
+    """
+    path = Path(name)
+    if name in built_in_scenes():
+        text = (_folder() / f'{name}{_SUFFIX}').read_text(encoding='utf-8')
+    else:
+        try:
+            text = path.read_text(encoding='utf-8')
+        except (OSError, UnicodeDecodeError) as error:
+            known = ', '.join(built_in_scenes())
+            raise SceneError(f'{name}: no scene file that can be read, nor a built-in scene ({known})') from error
+    try:
+        document = yaml.safe_load(text)
+        if not isinstance(document, dict):
+            raise SceneError('expected a mapping with vertices, and poses or trajectory')
+        return _scene(document, path.name.partition('.')[0], path.parent, read_path)
+    except yaml.YAMLError as error:
+        raise SceneError(f'{name}: is not YAML: {" ".join(str(error).split())}') from error
+    except (SceneError, ParameterError) as error:
+        raise SceneError(f'{name}: {error}') from error
+
+
+def _folder() -> Any:
+    return resources.files('polymap_ros') / 'config'
+
+
+def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: ReadPath | None) -> Scene:
+    fields = [entry.name for entry in dataclasses.fields(Scene)]
+    _check_keys(document, [*fields, 'trajectory'], 'scene')
+    if 'vertices' not in document or ('poses' in document) == ('trajectory' in document):
+        raise SceneError('a scene needs vertices, and either poses or trajectory')
+    values: dict[str, Any] = {'name': name}
+    for key in fields:
+        if key not in document:
+            continue
+        if key in _GROUPS:
+            body = _mapping(document[key], key)
+            _check_keys(body, [entry.name for entry in dataclasses.fields(_GROUPS[key])], key)
+            values[key] = _GROUPS[key](**body)
+        elif key in ('vertices', 'poses', 'reflection'):
+            values[key] = _array(document[key], key)
+        elif key == 'name' or (key == 'snr_db' and document[key] is None):
+            values[key] = document[key]
+        else:
+            values[key] = _number(document, key)
+    if 'trajectory' in document:
+        body = _mapping(document['trajectory'], 'trajectory')
+        vertices, seed = counter_clockwise(values['vertices'])[0], int(values.get('seed', 1))
+        values['poses'] = _trajectory(body, vertices, seed, folder, read_path)
+    return Scene(**values)
+
+
+def _trajectory(
+    body: Mapping[str, Any], vertices: NDArray[np.float64], seed: int, folder: Path, read_path: ReadPath | None
+) -> NDArray[np.float64]:
+    if 'legs' in body:
+        _check_keys(body, ['start', 'legs', 'step_m'], 'trajectory')
+        start, turns = _array(body.get('start'), 'start'), _array(body['legs'], 'legs')
+        if start.shape != (3,) or turns.ndim != 2 or turns.shape[1] != 2:
+            raise SceneError('trajectory: start must be [x, y, yaw_deg] and legs a list of [turn_deg, length_m]')
+        first = (float(start[0]), float(start[1]), float(np.deg2rad(start[2])))
+        return legs(first, np.deg2rad(turns[:, 0]).tolist(), turns[:, 1].tolist(), _number(body, 'step_m'))
+    count, clearance = int(_number(body, 'pings')), _number(body, 'clearance_m')
+    if 'recording' in body:
+        _check_keys(body, ['recording', 'topic', 'pings', 'clearance_m', 'turn_deg'], 'trajectory')
+        if read_path is None:
+            raise SceneError('trajectory: recording cannot be read here')
+        path = read_path(folder / str(body['recording']), str(body.get('topic', 'odom')))
+        turn = np.deg2rad(_number(body, 'turn_deg')) if 'turn_deg' in body else 0.0
+        return fitted(recorded(path, count), vertices, clearance, float(turn))
+    _check_keys(body, ['pings', 'step_m', 'clearance_m'], 'trajectory')
+    generator = np.random.default_rng([seed, _PATH_STREAM])
+    for _ in range(_RANDOM_PATHS):
+        poses = random_legs(vertices, count, _number(body, 'step_m'), clearance, generator)
+        if poses is not None:
+            return poses
+    raise SceneError(f'trajectory: no path of {count} pings fits into the room with a clearance of {clearance:g} m')
+
+
+def _check_keys(body: Mapping[str, Any], known: list[str], where: str) -> None:
+    for key in body:
+        if key not in known:
+            close = difflib.get_close_matches(str(key), known, n=1)
+            advice = f'did you mean {close[0]}?' if close else f'known: {", ".join(known)}'
+            raise SceneError(f'{where} has no key {key}; {advice}')
+
+
+def _mapping(value: Any, key: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise SceneError(f'{key} must be a mapping')
+    return value
+
+
+def _array(value: Any, key: str) -> NDArray[np.float64]:
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise SceneError(f'{key} must be numbers, all rows of the same length') from error
+    if not np.isfinite(array).all():
+        raise SceneError(f'{key} must be finite numbers')
+    return array
+
+
+def _number(body: Mapping[str, Any], key: str) -> float:
+    """A number; YAML reads 1e6 without a dot as text."""
+    value = body.get(key)
+    try:
+        if isinstance(value, bool) or value is None:
+            raise ValueError
+        number = float(value)
+        if key in _INTEGERS:
+            if number != int(number):
+                raise ValueError
+            return int(number)
+    except (TypeError, ValueError, OverflowError) as error:
+        kind = 'an integer' if key in _INTEGERS else 'a number'
+        raise SceneError(f'{key} must be {kind}, found {value!r}') from error
+    return number
