@@ -209,6 +209,9 @@ class OdometryParameters(Group):
                                  unit='s', above=0.0)
     buffer_s: float = parameter(60.0, 'poses kept for pings that come late', unit='s', above=0.0)
     queue_size: int = parameter(200, 'pings that may wait for their odometry', minimum=1)
+    on_jump_back: str = parameter(
+        'reset', 'when /clock goes back, or odometry by more than max_gap_s (bag loop): forget the map, or ignore '
+        'what is older than the newest odometry (node)', choices=('reset', 'ignore'), live=True)
 
 
 @dataclass(frozen=True)
