@@ -27,3 +27,23 @@ def make(type_name: str, /, **fields: Any) -> Any:
 
 def _sequence(values: np.ndarray[Any, Any]) -> 'array.array[Any]':
     return array.array(values.dtype.char, values.tobytes())
+
+
+def converted(message: Any, type_name: str) -> Any:
+    """Any message with the fields of `type_name`, such as rosbags' dataclass, as rclpy's."""
+    cls = message_class(type_name)
+    if isinstance(message, cls):
+        return message
+    return cls(**{
+        name: _field(getattr(message, name), kind) for name, kind in cls.get_fields_and_field_types().items()
+    })
+
+
+def _field(value: Any, kind: str) -> Any:
+    """One field of a kind such as ``double``, ``double[36]``, ``sequence<float>`` or ``std_msgs/Header``."""
+    package, nested, name = kind.removeprefix('sequence<').rstrip('>').partition('[')[0].partition('/')
+    if not nested:
+        is_array = kind.startswith('sequence<') and isinstance(value, np.ndarray)
+        return _sequence(value) if is_array else value
+    type_name = f'{package}/msg/{name}'
+    return converted(value, type_name) if kind == f'{package}/{name}' else [converted(each, type_name) for each in value]

@@ -1,0 +1,144 @@
+"""Real nodes in processes of their own, and a peer in the test's process that talks to them over DDS."""
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from polymap_ros.node.factory import message_class
+
+DEADLINE_S = 20.0
+LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+RELIABLE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Process:
+    """A command of the package as a user starts it; its stderr is read line by line."""
+
+    def __init__(self, command: str, arguments: list[str]) -> None:
+        self.popen = subprocess.Popen(
+            [sys.executable, '-m', f'polymap_ros.commands.{command}', *arguments], text=True,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+        )
+        self.lines: list[str] = []
+        self._queue: queue.Queue[str | None] = queue.Queue()
+        threading.Thread(target=self._read, daemon=True).start()
+
+    def _read(self) -> None:
+        assert self.popen.stdout is not None
+        for line in self.popen.stdout:
+            self._queue.put(line.rstrip())
+        self._queue.put(None)
+
+    def wait_for_line(self, text: str, timeout_s: float = DEADLINE_S) -> str:
+        """The first line from here on that holds `text`."""
+        end_s = time.monotonic() + timeout_s
+        while (remaining_s := end_s - time.monotonic()) > 0.0:
+            try:
+                line = self._queue.get(timeout=remaining_s)
+            except queue.Empty:
+                break
+            if line is None:
+                break
+            self.lines.append(line)
+            if text in line:
+                return line
+        pytest.fail(f'{text!r} did not come; output:\n' + '\n'.join(self.lines))
+
+    def end(self, timeout_s: float = DEADLINE_S) -> int:
+        """Wait for the end; return the status, with all output in `lines`."""
+        status = self.popen.wait(timeout_s)
+        while (line := self._queue.get(timeout=timeout_s)) is not None:
+            self.lines.append(line)
+        return status
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> int:
+        """Signal the process group, as a terminal does, and wait for the end."""
+        os.killpg(self.popen.pid, number)
+        return self.end()
+
+    def kill(self) -> None:
+        if self.popen.poll() is None:
+            os.killpg(self.popen.pid, signal.SIGKILL)
+            self.popen.wait()
+
+
+class Peer:
+    """A node in this process with a context of its own."""
+
+    def __init__(self) -> None:
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, args=[])
+        self.node = rclpy.create_node('peer', context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+    def spin_until(self, condition: Callable[[], Any], what: str, timeout_s: float = DEADLINE_S) -> None:
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > end_s:
+                pytest.fail(f'within {timeout_s:g} s: {what}')
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def listen(self, topic: str, type_name: str, qos: Any = LATCHED) -> list[Any]:
+        """Subscribe; the returned list grows."""
+        received: list[Any] = []
+        self.node.create_subscription(message_class(type_name), topic, received.append, qos)
+        return received
+
+    def publisher(self, topic: str, type_name: str, qos: Any = RELIABLE, subscribers: int = 1) -> Any:
+        """A publisher that has met its subscribers."""
+        publisher = self.node.create_publisher(message_class(type_name), topic, qos)
+        self.spin_until(lambda: publisher.get_subscription_count() >= subscribers, f'{topic} has no subscriber')
+        return publisher
+
+    def call(self, name: str, type_name: str, **request: Any) -> Any:
+        """Call a service and return its response."""
+        service = message_class(type_name)
+        client = self.node.create_client(service, name)
+        self.spin_until(client.service_is_ready, f'no service {name}')
+        future = client.call_async(service.Request(**request))
+        self.spin_until(future.done, f'no answer from {name}')
+        self.node.destroy_client(client)
+        return future.result()
+
+
+@pytest.fixture
+def peer() -> Iterator[Peer]:
+    peer = Peer()
+    yield peer
+    peer.close()
+
+
+@pytest.fixture
+def start() -> Iterator[Callable[..., Process]]:
+    """Starts ``polymap_node`` (or another command) and waits until it is ready."""
+    processes: list[Process] = []
+
+    def launch(*arguments: str, command: str = 'node', ready: str = 'ready:') -> Process:
+        processes.append(Process(command, list(arguments)))
+        if ready:
+            processes[-1].wait_for_line(ready)
+        return processes[-1]
+
+    yield launch
+    for process in processes:
+        process.kill()
