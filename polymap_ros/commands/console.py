@@ -1,0 +1,88 @@
+"""What the commands share: arguments, parameters, one-line errors, exit status, progress."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NoReturn
+
+from polymap_ros import __version__
+from polymap_ros.errors import PolymapError
+from polymap_ros.parameters import Parameters, load_parameters, parse_override
+
+DONE, NO_POLYGON, WRONG, INTERRUPTED = 0, 1, 2, 130
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def __init__(self, program: str, description: str, epilog: str = '') -> None:
+        super().__init__(prog=program, description=description, epilog=epilog)
+        self.add_argument('--version', action='version', version=f'{program} {__version__}')
+
+    def error(self, message: str) -> NoReturn:
+        complain(self.prog, f'{message} (see {self.prog} --help)')
+        sys.exit(WRONG)
+
+
+def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add ``--params-file`` and ``-p``, as ROS nodes have them."""
+    parser.add_argument('--params-file', type=Path, metavar='FILE',
+                        help='ROS parameter file of polymap_node; without it every parameter has its default')
+    parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', dest='overrides',
+                        help='set one parameter, after the file; may be repeated')
+
+
+def read_parameters(arguments: argparse.Namespace) -> Parameters:
+    """The parameters that the arguments of `add_parameter_arguments` ask for."""
+    parameters = load_parameters(arguments.params_file) if arguments.params_file else Parameters()
+    return parameters.replaced(dict(parse_override(text) for text in arguments.overrides))
+
+
+def complain(program: str, text: str) -> None:
+    """Print one line on stderr."""
+    print(f'{program}: {" ".join(text.split())}', file=sys.stderr, flush=True)
+
+
+def attempt(program: str, job: Callable[[], int]) -> int:
+    """Run a job; an error that a user can cause becomes one line on stderr and status 2."""
+    try:
+        return job()
+    except PolymapError as error:
+        complain(program, f'error: {error}')
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        complain(program, f'error: {error.filename or "file system"}: {error.strerror or error}')
+    except MemoryError:
+        complain(program, 'error: not enough memory')
+    return WRONG
+
+
+def execute(program: str, job: Callable[[], int]) -> int:
+    """Run a command's job as `attempt` does; Ctrl-C becomes status 130."""
+    try:
+        status = attempt(program, job)
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        complain(program, 'interrupted')
+        return INTERRUPTED
+    except BrokenPipeError:  # whoever read the summary has seen enough; the files are written
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    return status
+
+
+@contextmanager
+def progress(label: str, total: int | None, unit: str = 'it') -> Iterator[Callable[[int], object]]:
+    """Show a progress bar on stderr; the function given takes the number of steps done since the last call.
+
+    Where stderr is no terminal a line every ten seconds does.
+    """
+    from tqdm import tqdm
+
+    interval_s = 0.1 if sys.stderr.isatty() else 10.0
+    with tqdm(desc=label, total=total, unit=unit, file=sys.stderr, mininterval=interval_s, dynamic_ncols=True) as bar:
+        yield bar.update
