@@ -112,8 +112,8 @@ class Scene:
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """Time of each ping's first sample [ns]; the first emission is one second after zero."""
-        emissions = 1_000_000_000 + np.arange(len(self.poses)) * round(self.ping_period_s * 1e9)
+        """Time of each ping's first sample [ns]; the first emission is one second and one ping period after zero."""
+        emissions = 1_000_000_000 + (1 + np.arange(len(self.poses))) * round(self.ping_period_s * 1e9)
         return np.asarray(emissions + round(self.t0_s * 1e9), dtype=np.int64)
 
     def gains(self) -> NDArray[np.float64]:

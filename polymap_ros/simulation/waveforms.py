@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.image_sources import visible_images
 from polymap_ros.acoustics.medium import Medium, group_speed, make_medium
+from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.jit import kernel
 from polymap_ros.simulation.scenes import Scene
@@ -21,6 +22,13 @@ def simulate(scene: Scene) -> NDArray[np.float64]:
         return np.asarray(samples)
     power = np.mean(clean**2, axis=1, keepdims=True) * 10.0 ** (-scene.snr_db / 10.0)
     return np.asarray(samples + np.sqrt(power) * scene.noise())
+
+
+def pings(scene: Scene) -> list[Ping]:
+    """The scene's pings as a recording holds them: samples in single precision, stamped."""
+    samples = simulate(scene).astype(np.float32)
+    return [Ping(int(stamp), ping, scene.period_s, scene.t0_s, frame_id='sensor')
+            for stamp, ping in zip(scene.stamps_ns, samples, strict=True)]
 
 
 def noise_free(scene: Scene) -> NDArray[np.float64]:

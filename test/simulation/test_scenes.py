@@ -63,7 +63,7 @@ def test_options_draw_from_streams_of_their_own():
 
 def test_stamps_are_those_of_the_first_sample():
     scene = Scene('room', SQUARE, INSIDE, t0_s=5.5e-5, ping_period_s=0.25)
-    np.testing.assert_array_equal(scene.stamps_ns, [1_000_055_000, 1_250_055_000])
+    np.testing.assert_array_equal(scene.stamps_ns, [1_250_055_000, 1_500_055_000])
 
 
 def test_half_planes_clearance_and_feet_of_a_square():

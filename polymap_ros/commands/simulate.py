@@ -1,0 +1,121 @@
+"""`polymap_simulate`: a recording of a simulated scene, with its ground truth."""
+
+import argparse
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polymap_ros.commands import console
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from polymap_ros.simulation.scenes import Scene
+
+PROGRAM = 'polymap_simulate'
+ODOM_TOPIC, ECHO_TOPIC = '/odom', '/echo'
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    arguments = _parser().parse_args(argv)
+    return console.execute(PROGRAM, lambda: _simulate(arguments))
+
+
+def _parser() -> console.Parser:
+    parser = console.Parser(PROGRAM, 'Make a recording of a simulated scene, with its ground truth in truth.json.')
+    parser.add_argument('scene', metavar='SCENE',
+                        help='YAML scene file, or a built-in scene: triangle, quadrilateral, pentagon, rectangle')
+    parser.add_argument('--output', type=Path, required=True, metavar='RECORDING',
+                        help='rosbag2 directory to write, or a bare .mcap or .db3 file; must not exist')
+    parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
+                        help='format of a directory (default: mcap)')
+    return parser
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    from polymap_ros.simulation.scene_file import load_scene
+
+    scene = load_scene(arguments.scene, recorded_path)
+    record(scene, arguments.output, arguments.storage)
+    print(f'{arguments.output}: {len(scene.vertices)} edges, {len(scene.poses)} pings of {scene.n_samples} samples')
+    return console.DONE
+
+
+def record(scene: 'Scene', path: Path, storage: str = 'mcap') -> None:
+    """Simulate a scene and write odometry, echoes, truth.json and, unless they are the default, params.yaml.
+
+    A ping is logged when its last sample is in. The odometry has a message at every emission and as many evenly
+    in between as its rate asks for, and one before the first and after the last ping.
+    """
+    from polymap_ros.errors import RecordingError
+    from polymap_ros.recordings.truth import truth_path
+    from polymap_ros.recordings.writing import RecordingWriter
+
+    beside = path.parent / truth_path(path).name
+    if path.suffix in ('.mcap', '.db3') and beside.exists():
+        raise RecordingError(f'{beside}: belongs to another recording; choose a folder without one')
+    entries = sorted([*_odometry(scene), *_echoes(scene)], key=lambda entry: entry[0])
+    with RecordingWriter(path, storage) as writer:
+        for log_ns, topic, message in entries:
+            writer.write(topic, message, log_ns)
+    truth_path(path).write_text(json.dumps({'vertices': scene.vertices.tolist()}) + '\n', encoding='utf-8')
+    if text := _changed_parameters(scene):
+        truth_path(path).with_name('params.yaml').write_text(text, encoding='utf-8')
+
+
+def recorded_path(path: Path, topic: str) -> 'NDArray[np.float64]':
+    """Poses (N, 3) of an odometry topic of a recording."""
+    import numpy as np
+
+    from polymap_ros.messages.odometry import stamped_pose
+    from polymap_ros.recordings.reading import Recording
+
+    with Recording.open(path) as recording:
+        name = recording.require(topic, 'nav_msgs/msg/Odometry', 'topics.odom')
+        poses = [stamped_pose(entry.message)[2] for entry in recording.messages([name])]
+    return np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
+
+
+def _odometry(scene: 'Scene') -> Iterator[tuple[int, str, Any]]:
+    import numpy as np
+
+    from polymap_ros.mapping.pose import Pose
+    from polymap_ros.messages.outputs import odometry_message
+    from polymap_ros.recordings.writing import make
+
+    emissions = scene.stamps_ns - round(scene.t0_s * 1e9)
+    period_ns = round(scene.ping_period_s * 1e9)
+    parts = max(1, int(np.ceil(scene.ping_period_s * scene.odometry_rate_hz)))
+    poses = scene.reported_poses()
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    known = np.concatenate(([emissions[0] - period_ns], emissions, [emissions[-1] + period_ns]))
+    known_poses = np.vstack((poses[:1], poses, poses[-1:]))
+    steps = np.arange((len(known) - 1) * parts + 1) / parts
+    stamps = known[0] + np.rint(steps * period_ns).astype(np.int64)
+    columns = [np.interp(steps, np.arange(len(known)), column) for column in known_poses.T]
+    for stamp, *pose in zip(stamps.tolist(), *columns, strict=True):
+        yield stamp, ODOM_TOPIC, odometry_message(make, stamp, 'odom', Pose(*pose))
+
+
+def _echoes(scene: 'Scene') -> Iterator[tuple[int, str, Any]]:
+    from polymap_ros.messages.outputs import echo_message
+    from polymap_ros.recordings.writing import make
+    from polymap_ros.simulation.waveforms import pings
+
+    window_ns = round(scene.n_samples * scene.period_s * 1e9)
+    for ping in pings(scene):
+        yield ping.stamp_ns + window_ns, ECHO_TOPIC, echo_message(make, ping, scene.ping_period_s)
+
+
+def _changed_parameters(scene: 'Scene') -> str:
+    """The mapper's parameters for this scene as a ROS parameter file, as far as they differ from the defaults."""
+    import yaml
+
+    from polymap_ros.parameters import NODE_NAME, Parameters
+
+    defaults = Parameters().flat()
+    changed = {name: value for name, value in scene.parameters().flat().items() if value != defaults[name]}
+    return yaml.safe_dump({NODE_NAME: {'ros__parameters': changed}}) if changed else ''

@@ -1,0 +1,141 @@
+"""polymap_simulate, with its recordings read back by rosbags alone."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from rosbags.highlevel import AnyReader
+
+from polymap_ros.commands.simulate import main
+from polymap_ros.simulation.scene_file import load_scene
+from polymap_ros.simulation.waveforms import simulate
+
+SCENE = '''
+vertices: [[0.0, 0.0], [1.0, 0.0], [1.0, 0.7], [0.0, 0.7]]
+trajectory: {start: [0.2, 0.2, 0.0], legs: [[0.0, 0.3], [120.0, 0.2]], step_m: 0.1}
+n_samples: 512
+t0_s: 2.0e-5
+ping_period_s: 0.2
+odometry_rate_hz: 18
+position_noise_m: 0.01
+'''
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    path = tmp_path / 'room.yaml'
+    path.write_text(SCENE)
+    return path
+
+
+def read(path):
+    with AnyReader([path]) as reader:
+        entries = [(connection.topic, ns, reader.deserialize(raw, connection.msgtype))
+                   for connection, ns, raw in reader.messages()]
+    return ([(ns, message) for topic, ns, message in entries if topic == '/odom'],
+            [(ns, message) for topic, ns, message in entries if topic == '/echo'])
+
+
+def stamp_ns(message):
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+@pytest.mark.parametrize(('name', 'storage'), [('bag', 'mcap'), ('bag', 'sqlite3'), ('bag.mcap', 'mcap'),
+                                               ('bag.db3', 'sqlite3')])
+def test_a_recording_holds_the_scene(tmp_path, scene_file, capsys, name, storage):
+    path = tmp_path / 'made' / name
+    assert main([str(scene_file), '--output', str(path), '--storage', storage]) == 0
+    assert str(path) in capsys.readouterr().out
+    scene = load_scene(str(scene_file))
+    odometry, echoes = read(path)
+    assert len(echoes) == len(scene.poses) == 6
+    for index, (ns, message) in enumerate(echoes):
+        assert stamp_ns(message) == scene.stamps_ns[index] == 1_200_020_000 + 200_000_000 * index
+        assert ns == stamp_ns(message) + 512_000
+        assert message.header.frame_id == 'sensor'
+        assert message.time_increment == pytest.approx(1e-6)
+        assert message.scan_time == pytest.approx(0.2)
+        assert len(message.ranges) == 0
+    samples = np.array([message.intensities for _, message in echoes])
+    np.testing.assert_array_equal(samples, simulate(scene).astype(np.float32))
+
+    stamps = np.array([stamp_ns(message) for _, message in odometry])
+    np.testing.assert_array_equal(stamps, [ns for ns, _ in odometry])
+    assert np.all(np.diff(stamps) == 50_000_000)
+    assert stamps[0] == 1_000_000_000
+    assert stamps[-1] == 1_000_000_000 + 200_000_000 * 7
+    reported = scene.reported_poses()
+    assert np.abs(reported - scene.poses).max() > 0.005
+    for index, pose in enumerate(reported):
+        message = odometry[4 * (index + 1)][1]
+        assert stamp_ns(message) == scene.stamps_ns[index] - 20_000
+        position, rotation = message.pose.pose.position, message.pose.pose.orientation
+        np.testing.assert_allclose([position.x, position.y], pose[:2], atol=1e-12)
+        assert 2.0 * np.arctan2(rotation.z, rotation.w) == pytest.approx(pose[2])
+    truth = json.loads(((path if path.is_dir() else path.parent) / 'truth.json').read_text())
+    np.testing.assert_array_equal(truth['vertices'], scene.vertices)
+
+
+def test_making_it_again_gives_the_same_stamps_and_samples(tmp_path, scene_file):
+    for name in ('a', 'b'):
+        assert main([str(scene_file), '--output', str(tmp_path / name)]) == 0
+    for first, second in zip(read(tmp_path / 'a'), read(tmp_path / 'b'), strict=True):
+        assert [ns for ns, _ in first] == [ns for ns, _ in second]
+        assert [stamp_ns(message) for _, message in first] == [stamp_ns(message) for _, message in second]
+    for (_, first), (_, second) in zip(read(tmp_path / 'a')[1], read(tmp_path / 'b')[1], strict=True):
+        np.testing.assert_array_equal(first.intensities, second.intensities)
+
+
+def test_parameters_are_written_where_the_defaults_would_not_do(tmp_path, scene_file):
+    assert main([str(scene_file), '--output', str(tmp_path / 'bag')]) == 0
+    body = yaml.safe_load((tmp_path / 'bag' / 'params.yaml').read_text())
+    assert body == {'polymap_node': {'ros__parameters': {'echo.t0_s': 2e-5}}}
+    scene_file.write_text(SCENE.replace('t0_s: 2.0e-5', ''))
+    assert main([str(scene_file), '--output', str(tmp_path / 'plain')]) == 0
+    assert not (tmp_path / 'plain' / 'params.yaml').exists()
+
+
+def test_a_recorded_odometry_is_followed(tmp_path, scene_file):
+    assert main([str(scene_file), '--output', str(tmp_path / 'drive')]) == 0
+    follower = tmp_path / 'follower.yaml'
+    follower.write_text('''
+vertices: [[0, 0], [2, 0], [2, 2], [0, 2]]
+trajectory: {recording: drive, topic: odom, pings: 25, clearance_m: 0.1}
+n_samples: 256
+''')
+    assert main([str(follower), '--output', str(tmp_path / 'followed')]) == 0
+    assert len(read(tmp_path / 'followed')[1]) == 25
+
+
+@pytest.mark.parametrize(('arguments', 'words'), [
+    (['nowhere', '--output', 'bag'], ['nowhere', 'triangle']),
+    (['{scene}', '--output', '{tmp}/there'], ['there', 'exists']),
+    (['{scene}', '--output', '{tmp}/there/bag.mcap'], ['truth.json', 'another recording']),
+    (['{broken}', '--output', '{tmp}/bag'], ['broken.yaml', 'vertices']),
+    (['{follower}', '--output', '{tmp}/bag'], ['missing', 'no such recording']),
+])
+def test_wrong_use_is_one_line_and_status_2(tmp_path, scene_file, capsys, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'there').mkdir()
+    (tmp_path / 'there' / 'truth.json').write_text('{}')
+    (tmp_path / 'broken.yaml').write_text('vertices: [[0, 0], [1, 0]]\nposes: [[0, 0, 0]]')
+    (tmp_path / 'follower.yaml').write_text('vertices: [[0, 0], [2, 0], [2, 2], [0, 2]]\n'
+                                            'trajectory: {recording: missing, pings: 5, clearance_m: 0.1}')
+    places = {'scene': scene_file, 'tmp': tmp_path, 'broken': tmp_path / 'broken.yaml',
+              'follower': tmp_path / 'follower.yaml'}
+    before = sorted(tmp_path.rglob('*'))
+    assert main([argument.format(**places) for argument in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ''
+    assert err.count('\n') == 1
+    assert all(word in err for word in words)
+    assert sorted(tmp_path.rglob('*')) == before
+
+
+def test_the_module_is_light_to_import():
+    code = ('import sys, polymap_ros.commands.simulate as s; s._parser(); '
+            'print(sorted({"numpy", "numba", "rosbags", "scipy", "tqdm"} & set(sys.modules)))')
+    assert subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True).stdout == '[]\n'
