@@ -1,10 +1,14 @@
 """Plays messages onto topics at their own pace, with ``/clock``."""
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
+import rclpy
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 
 from polymap_ros.messages.outputs import time_message
@@ -65,8 +69,6 @@ class Player(Node):  # type: ignore[misc]
 
     def flush(self, timeout_s: float) -> None:
         """Wait until every reliable subscriber has everything, at most `timeout_s`."""
-        from rclpy.duration import Duration
-
         for publisher in self._publishers_by_topic.values():
             publisher.wait_for_all_acked(Duration(seconds=timeout_s))
 
@@ -79,3 +81,15 @@ class Player(Node):  # type: ignore[misc]
         remaining_s = when_s - time.monotonic()
         if remaining_s > 0.0:
             time.sleep(remaining_s)
+
+
+@contextmanager
+def playing(topics: dict[str, str], rate: float, arguments: Sequence[str]) -> Iterator[Player]:
+    """A player while the ``with`` block lasts; Ctrl-C is left to Python, and interrupts it at once."""
+    rclpy.init(args=['polymap_play', *arguments], signal_handler_options=SignalHandlerOptions.NO)
+    player = Player(topics, rate)
+    try:
+        yield player
+    finally:
+        player.destroy_node()
+        rclpy.try_shutdown()

@@ -1,0 +1,33 @@
+"""polymap_node: the live mapping node."""
+
+import argparse
+import sys
+from collections.abc import Sequence
+
+from polymap_ros.commands import console
+from polymap_ros.commands.ros import require_ros, without_ros_arguments
+
+PROGRAM = 'polymap_node'
+EPILOG = """Parameters, remaps and the like are ROS's own, for example:
+polymap_node --ros-args --params-file polymap.yaml -p echo.type:=sensor_msgs/msg/Image -r echo:=/sonar/raw"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status, 0 after Ctrl-C or SIGTERM."""
+    command_line = list(sys.argv[1:] if arguments is None else arguments)
+    parser = console.Parser(PROGRAM, 'Maps the polygon around a robot from echoes and odometry, live.', EPILOG)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.parse_args(without_ros_arguments(command_line))
+    return console.attempt(PROGRAM, lambda: _run(command_line))
+
+
+def _run(command_line: list[str]) -> int:
+    require_ros()
+    from polymap_ros.node.node import run
+
+    run(command_line)
+    return console.DONE
+
+
+if __name__ == '__main__':
+    sys.exit(main())
