@@ -14,7 +14,7 @@ class Topic(NamedTuple):
     """What a recording says it holds of one topic."""
 
     type_name: str
-    count: int
+    message_count: int
 
 
 class Entry(NamedTuple):
@@ -101,7 +101,8 @@ class Recording:
             Names the topics of that type.
         """
         found = next((topic for topic in self.topics if topic.lstrip('/') == name.lstrip('/')), None)
-        alike = [topic for topic, (other, count) in self.topics.items() if other == type_name and count and topic != found]
+        filled = {topic: info for topic, info in self.topics.items() if info.message_count}
+        alike = [topic for topic, info in filled.items() if info.type_name == type_name and topic != found]
         if alike:
             advice = f'topics of type {type_name}: {", ".join(alike)} (choose with -p {parameter}:={alike[0]})'
         else:
@@ -113,7 +114,7 @@ class Recording:
             raise RecordingError(
                 f'{self.path}: topic {found} is of type {self.topics[found].type_name}, not {type_name}; {advice}'
             )
-        if not self.topics[found].count:
+        if not self.topics[found].message_count:
             raise RecordingError(f'{self.path}: topic {found} is empty; {advice}')
         return found
 
@@ -160,7 +161,7 @@ class Recording:
         """Say what a complete pass of `messages` over `topics` did not find although the recording promised it."""
         found = []
         for topic in topics:
-            expected, seen, damaged = self.topics[topic].count, self._seen[topic], self.damaged[topic]
+            expected, seen, damaged = self.topics[topic].message_count, self._seen[topic], self.damaged[topic]
             if seen < expected:
                 text = f'{topic}: {seen} messages found where the recording announces {expected}'
                 found.append(Caution('recording_incomplete', text))

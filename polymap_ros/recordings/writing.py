@@ -95,7 +95,7 @@ def typestore() -> Any:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def make(type_name: str, **fields: Any) -> Any:
+def make(type_name: str, /, **fields: Any) -> Any:
     """Make a message as a dataclass of rosbags; fields not given have their default, as with rclpy.
 
     Parameters

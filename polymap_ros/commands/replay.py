@@ -1,0 +1,143 @@
+"""polymap_replay: a recording in, the polygon out."""
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from polymap_ros.commands import console
+from polymap_ros.errors import UsageError
+from polymap_ros.parameters import Parameters
+
+if TYPE_CHECKING:
+    from polymap_ros.mapping.estimate import Caution, Estimate
+    from polymap_ros.mapping.mapper import PolygonMapper
+
+PROGRAM = 'polymap_replay'
+SLICE = 5
+"""Iterations of the solver between two looks at the progress bar."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns its exit status."""
+    arguments = _parser().parse_args(argv)
+    return console.execute(PROGRAM, lambda: _run(arguments))
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = console.Parser(
+        PROGRAM, 'Map the polygon in one or more recordings, as fast as the machine goes. No ROS is needed.',
+        'Exit status: 0 done; 1 no polygon closes, the reason is on stderr; 2 wrong usage, recording or parameter; '
+        '130 interrupted.')
+    parser.add_argument('recordings', nargs='+', type=Path, metavar='RECORDING',
+                        help='rosbag2 directory, or a bare .mcap or .db3 file; each is a map of its own')
+    console.add_parameter_arguments(parser)
+    parser.add_argument('--output', type=Path, metavar='DIR',
+                        help='folder of the results, made where missing, earlier results in it are replaced; several '
+                             'recordings go to DIR/<name>/ (default: the parameter output.dir, which is polymap)')
+    parser.add_argument('--start', type=float, metavar='S', help='leave out what was logged before S seconds')
+    parser.add_argument('--end', type=float, metavar='S', help='leave out what was logged from S seconds on')
+    parser.add_argument('--plot', action='store_true',
+                        help='write polygon.png: the mapped room beside the beamforming map')
+    parser.add_argument('--record', action='store_true',
+                        help='write result.mcap: the odometry and all outputs, for Foxglove or RViz')
+    parser.add_argument('--save-map', action='store_true', help='write beam_map.npz: the beamforming map')
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    parameters = console.read_parameters(arguments)
+    start_s, end_s = arguments.start, arguments.end
+    if not (start_s is None or start_s >= 0.0) or not (end_s is None or end_s > (start_s or 0.0)):
+        raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
+                         'message')
+    folders = _folders(arguments.recordings, arguments.output or Path(parameters.output.dir))
+    if arguments.plot:
+        from polymap_ros.results.picture import require_matplotlib
+
+        require_matplotlib()
+    return max(
+        console.attempt(PROGRAM, lambda: _replay(recording, folder, parameters, arguments))  # noqa: B023
+        for recording, folder in folders.items()
+    )
+
+
+def _folders(recordings: Sequence[Path], output: Path) -> dict[Path, Path]:
+    """Where the results of each recording go."""
+    if len(recordings) == 1:
+        return {recordings[0]: output}
+    names = [path.stem if path.suffix in ('.mcap', '.db3') else path.absolute().name for path in recordings]
+    for name in names:
+        if names.count(name) > 1:
+            raise UsageError(f'{names.count(name)} recordings are called {name}, which names their folder in {output}; '
+                             'replay them one by one with an --output each')
+    return {path: output / name for path, name in zip(recordings, names, strict=True)}
+
+
+def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:
+    from polymap_ros.mapping.comparison import compare
+    from polymap_ros.recordings.outcome import write_outcome
+    from polymap_ros.recordings.reading import Recording
+    from polymap_ros.recordings.replay import Replay
+    from polymap_ros.recordings.truth import read_truth
+    from polymap_ros.results.folder import RECORD, result_folder
+    from polymap_ros.results.save import write_results
+    from polymap_ros.results.summary import summary
+
+    began_s = time.monotonic()
+    interval_s = arguments.start, arguments.end
+    with Recording.open(path) as recording:
+        truth = read_truth(path)
+        mapper = _make_mapper(parameters)
+        replay = Replay(recording, mapper, parameters, *interval_s)
+        with console.progress(f'{path.name}: reading', replay.total, 'msg') as advance:
+            for _ in replay:
+                advance(1)
+        estimate = _solve(mapper, parameters, path.name)
+        cautions = replay.cautions()
+        with result_folder(folder) as stage:
+            write_results(stage, mapper, estimate, parameters, cautions=cautions, truth=truth,
+                          plot=arguments.plot, save_map=arguments.save_map)
+            if arguments.record:
+                write_outcome(stage / RECORD, recording, replay.odom_topic, mapper, parameters, *interval_s)
+    closed = estimate.polygon if estimate.status == 'closed' else None
+    comparison = compare(closed.vertices, truth) if closed and truth is not None else None
+    print(f'{path}: {summary(estimate, mapper.frame_id, mapper.counts, cautions, comparison)}')
+    print(f'odometry: {replay.odometry.received} received, {replay.odometry.used} used')
+    print(f'{time.monotonic() - began_s:.1f} s; results in {folder}')
+    if closed is None:
+        console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')
+        return console.NO_POLYGON
+    return console.DONE
+
+
+def _make_mapper(parameters: Parameters) -> 'PolygonMapper':
+    """A fresh mapper, or one that continues the saved state of `output.load_path`."""
+    from polymap_ros.mapping.mapper import PolygonMapper
+    from polymap_ros.pulse_file import read_pulse
+    from polymap_ros.results.arrays import read_state
+
+    pulse = read_pulse(parameters)
+    if parameters.output.load_path:
+        return PolygonMapper.from_state(parameters, read_state(Path(parameters.output.load_path)), pulse)
+    return PolygonMapper(parameters, pulse)
+
+
+def _solve(mapper: 'PolygonMapper', parameters: Parameters, name: str) -> 'Estimate':
+    total = parameters.solver.iterations if parameters.solver.method == 'paper' else None
+    mapper.begin_solve()
+    with console.progress(f'{name}: solving', total) as advance:
+        while not mapper.advance(SLICE):
+            advance(SLICE)
+    assert mapper.estimate is not None
+    return mapper.estimate
+
+
+def _reason(estimate: 'Estimate', mapper: 'PolygonMapper', cautions: 'Sequence[Caution]') -> str:
+    """Why no polygon closes."""
+    parts = [caution.text for caution in (*estimate.cautions, *cautions)]
+    if not mapper.counts.used and mapper.counts.dropped:
+        reason = max(mapper.counts.dropped, key=lambda key: (mapper.counts.dropped[key], key))
+        parts.insert(0, f'all pings were dropped, most as {reason}: {mapper.last_drop_texts.get(reason, "")}')
+    return f'{estimate.status}, no polygon closes: {"; ".join(parts)}'

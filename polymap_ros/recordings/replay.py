@@ -1,0 +1,121 @@
+"""A recording through the mapper, in the order of log time."""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from polymap_ros.errors import BadOdometry, BadPing, RecordingError
+from polymap_ros.mapping.estimate import Caution
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.messages.echoes import ping_from_message
+from polymap_ros.messages.odometry import stamped_pose
+from polymap_ros.parameters import Parameters
+from polymap_ros.recordings.reading import Entry, Recording
+
+ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+
+
+@dataclass
+class OdometryCounts:
+    """What became of the odometry messages: received = used + dropped by reason."""
+
+    received: int = 0
+    used: int = 0
+    dropped: Counter[str] = field(default_factory=Counter)
+
+
+class Replay:
+    """One pass over a recording; iterate over it to feed the mapper message by message.
+
+    Parameters
+    ----------
+    recording : Recording
+        Open.
+    mapper : PolygonMapper
+        Takes the poses and pings.
+    parameters : Parameters
+        Name the topics and say how to read the echoes.
+    start_s, end_s : float, optional
+        Half-open interval of log time after the recording's first message [s].
+
+    Raises
+    ------
+    RecordingError
+        For a topic that is missing, empty or of another type; while iterating, for a damaged file and where no
+        odometry or no echo is in the interval.
+    """
+
+    def __init__(
+        self, recording: Recording, mapper: PolygonMapper, parameters: Parameters,
+        start_s: float | None = None, end_s: float | None = None,
+    ) -> None:
+        self.odom_topic = recording.require(parameters.topics.odom, ODOMETRY_TYPE, 'topics.odom')
+        self.echo_topic = recording.require(parameters.topics.echo, parameters.echo.type, 'topics.echo')
+        self.topics = (self.odom_topic, self.echo_topic)
+        self.total = sum(recording.topics[topic].message_count for topic in self.topics)
+        self.odometry = OdometryCounts()
+        self.echoes = 0
+        self._recording, self._mapper, self._parameters = recording, mapper, parameters
+        self._interval = start_s, end_s
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Feed the mapper; each message is given back once it was taken or dropped."""
+        for entry in self._recording.messages(self.topics, *self._interval):
+            if entry.topic == self.odom_topic:
+                self._feed_odometry(entry)
+            else:
+                self._feed_echo(entry)
+            yield entry
+        damaged = self._recording.damaged
+        for _ in range(damaged[self.echo_topic]):
+            self.echoes += 1
+            self._mapper.drop('bad_shape', f'{self.echo_topic}: the message cannot be decoded')
+        if lost := damaged[self.odom_topic]:
+            self.odometry.received += lost
+            self.odometry.dropped['undecodable'] += lost
+        self._mapper.finish()
+        self._check()
+
+    def cautions(self) -> list[Caution]:
+        """What is known to be missing from the recording, or was dropped of the odometry."""
+        complete = self._interval == (None, None)
+        found = self._recording.cautions(self.topics) if complete else []
+        if self.odometry.dropped:
+            reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
+            text = f'{self.odom_topic}: of {self.odometry.received} messages dropped: {reasons}'
+            found.append(Caution('odometry_dropped', text))
+        return found
+
+    def _feed_odometry(self, entry: Entry) -> None:
+        self.odometry.received += 1
+        try:
+            stamp_ns, frame_id, pose = stamped_pose(entry.message)
+        except BadOdometry:
+            self.odometry.dropped['bad_pose'] += 1
+            return
+        if self._mapper.add_pose(stamp_ns, pose, frame_id):
+            self.odometry.used += 1
+        else:
+            self.odometry.dropped['out_of_order'] += 1
+
+    def _feed_echo(self, entry: Entry) -> None:
+        self.echoes += 1
+        try:
+            ping = ping_from_message(entry.message, entry.type_name, self._parameters.echo, entry.log_ns)
+        except BadPing as bad:
+            self._mapper.drop(bad.reason, str(bad))
+            return
+        self._mapper.add_ping(ping)
+
+    def _check(self) -> None:
+        path = self._recording.path
+        received = {self.odom_topic: self.odometry.received, self.echo_topic: self.echoes}
+        for topic, number in received.items():
+            if not number:
+                duration_s = self._recording.duration_s
+                raise RecordingError(f'{path}: no message of {topic} between --start and --end; the recording is '
+                                     f'{duration_s:.3f} s long')
+        if not self.odometry.used:
+            reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
+            raise RecordingError(f'{path}: none of the {self.odometry.received} messages of {self.odom_topic} can be '
+                                 f'used ({reasons}); a finite pose and a unit quaternion are needed')

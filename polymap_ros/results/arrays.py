@@ -1,0 +1,63 @@
+"""state.npz and beam_map.npz: arrays and nothing else, so that reading a foreign file runs no foreign code."""
+
+import io
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from polymap_ros.errors import StateError
+from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.mapping.pose import Pose
+
+STATE_FORMAT = 'polymap-state/1'
+
+
+def npz(arrays: Mapping[str, ArrayLike]) -> bytes:
+    """An uncompressed .npz; the same arrays give the same bytes."""
+    plain = {name: np.asarray(values) for name, values in arrays.items()}
+    if pickled := [name for name, values in plain.items() if values.dtype.hasobject]:
+        raise TypeError(f'{", ".join(pickled)}: would need pickle')
+    buffer = io.BytesIO()
+    np.savez(buffer, **plain)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def state_npz(state: Mapping[str, NDArray[np.generic]]) -> bytes:
+    """The content of state.npz from `PolygonMapper.state`."""
+    return npz({'format': np.array(STATE_FORMAT), **state})
+
+
+def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
+    """Read a state.npz for `PolygonMapper.from_state`.
+
+    Raises
+    ------
+    StateError
+        For a file that is missing, damaged, or no saved state of a format known here.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            state = {name: file[name] for name in file.files}
+    except OSError as error:
+        raise StateError(f'{path}: cannot be read: {error.strerror or error}') from error
+    except (ValueError, KeyError, EOFError, AttributeError, NotImplementedError, zipfile.BadZipFile) as error:
+        raise StateError(f'{path}: is no saved state ({type(error).__name__}: {error})') from error
+    found = str(state.pop('format', None))
+    if found != STATE_FORMAT:
+        raise StateError(f'{path}: has format {found}; allowed: {STATE_FORMAT}')
+    return state
+
+
+def beam_map_npz(beam_map: BeamformingMap, start_pose: Pose | None) -> bytes:
+    """The content of beam_map.npz.
+
+    ``map`` (n_theta, n_r) float32 is eq. (4), over ``theta_rad`` and ``r_m`` in the start frame, whose origin and
+    heading are ``start_pose`` [x, y, yaw] in the odometry's frame; nan where no ping was used.
+    """
+    start = [np.nan] * 3 if start_pose is None else [start_pose.x, start_pose.y, start_pose.yaw]
+    return npz({
+        'map': beam_map.values, 'r_m': beam_map.r_m, 'theta_rad': beam_map.theta_rad, 'start_pose': np.array(start),
+    })

@@ -1,0 +1,143 @@
+"""polygon.png: the mapped room and the beamforming map side by side, as in Fig. 2 of the paper."""
+
+import importlib.util
+import io
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.errors import UsageError
+from polymap_ros.mapping.estimate import Edge, Estimate
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.pose import Pose
+
+_TRUTH = {'color': '#d62728', 'linestyle': (0, (5, 3)), 'linewidth': 1.8}
+_EDGE = {'color': '#2ca02c', 'linewidth': 2.2}
+_PATH = {'color': 'black', 'linewidth': 0.7, 'marker': 'o', 'markersize': 2.4}
+_RECTANGLE_M, _RECTANGLE_DEG = 0.04, 14.0
+"""Least size of the red rectangles, as a share of the range axis and in degrees: to be seen at any scale."""
+
+
+def require_matplotlib() -> None:
+    """Raise `UsageError` where pictures cannot be drawn."""
+    if importlib.util.find_spec('matplotlib') is None:
+        raise UsageError("a picture needs matplotlib: pip install 'polymap_ros[plot]'")
+
+
+def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.float64] | None = None) -> bytes:
+    """Draw the answer.
+
+    Left, in the odometry's frame: the truth dashed red where it is known, the estimated edges green, the sensor's
+    path and the pings black, and the axes of the start frame. Right, in the start frame: the beamforming map
+    L / max L of eq. (4), with a red rectangle at each retrieved edge.
+
+    Parameters
+    ----------
+    mapper : PolygonMapper
+        Holds the map and the path.
+    estimate : Estimate
+        In the odometry's frame.
+    truth : ndarray, shape (n, 2), optional
+        Corners of the true polygon [m].
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 5.0), layout='constrained')
+    FigureCanvasAgg(figure)
+    room, image = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
+    start = mapper.start_pose or Pose(0.0, 0.0)
+    path = np.array([[sounding.x, sounding.y] for sounding in mapper.soundings], dtype=float).reshape(-1, 2)
+    _draw_room(room, mapper.frame_id, estimate, start, start.apply(path), truth)
+    _draw_beam_map(figure, image, mapper, estimate.moved(start.inverse()))
+    figure.suptitle(_title(estimate, len(path)))
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format='png', dpi=110)
+    return buffer.getvalue()
+
+
+def _title(estimate: Estimate, pings: int) -> str:
+    edges = f'{len(estimate.polygon.edges)} edges' if estimate.polygon else estimate.status
+    return f'{edges} from {pings} pings ({estimate.method})'
+
+
+def _draw_room(
+    axes: Any, frame_id: str, estimate: Estimate, start: Pose, path: NDArray[np.float64],
+    truth: NDArray[np.float64] | None,
+) -> None:
+    if truth is not None:
+        axes.plot(*_ring(truth).T, **_TRUTH, label='truth', zorder=3)
+    if estimate.polygon is not None:
+        axes.plot(*_ring(estimate.polygon.vertices).T, **_EDGE, label='estimated edges', zorder=2)
+    for candidate in estimate.alternatives:
+        axes.plot(*_ring(candidate.vertices).T, **(_EDGE | {'linewidth': 1.2}), label='candidates', zorder=2)
+    axes.plot(*path.T, **_PATH, label='path and pings', zorder=4)
+    _fit(axes, [path, *([truth] if truth is not None else []),
+                *(candidate.vertices for candidate in (estimate.polygon, *estimate.alternatives) if candidate)])
+    for edge in estimate.walls:
+        axes.axline(*_two_points(edge), **_EDGE, label='certain walls', zorder=2)
+    _draw_start(axes, start)
+    axes.set_aspect('equal')
+    axes.set_xlabel(f'x in {frame_id or "odometry frame"} [m]')
+    axes.set_ylabel('y [m]')
+    axes.grid(color='0.92', linewidth=0.6)
+    axes.set_axisbelow(True)
+    handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    axes.legend(handles.values(), handles.keys(), loc='upper center', bbox_to_anchor=(0.5, -0.13), ncols=3,
+                frameon=False, fontsize='small')
+
+
+def _draw_start(axes: Any, start: Pose) -> None:
+    """The axes of the start frame O, as long as a tenth of the picture."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    length = 0.1 * max(right - left, high - low)
+    tips = start.apply(np.array([[length, 0.0], [0.0, length]]))
+    labels = start.apply(1.35 * np.array([[length, 0.0], [0.0, length]]))
+    for tip, place, name in zip(tips, labels, 'xy', strict=True):
+        axes.annotate('', xy=tip, xytext=(start.x, start.y), zorder=5,
+                      arrowprops={'arrowstyle': '-|>', 'color': '#1f77b4', 'linewidth': 1.5, 'shrinkA': 0, 'shrinkB': 0})
+        axes.text(*place, name, color='#1f77b4', ha='center', va='center', fontsize='small', zorder=5)
+    corner = start.apply(-0.35 * np.array([length, length]))
+    axes.text(*corner, 'O', color='#1f77b4', ha='center', va='center', fontsize='small', zorder=5)
+
+
+def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Estimate) -> None:
+    from matplotlib.patches import Rectangle
+
+    beam_map = mapper.beam_map
+    theta_deg, r_m = np.rad2deg(beam_map.theta_rad), beam_map.r_m
+    half_deg, half_m = 0.5 * (theta_deg[-1] - theta_deg[0]) / len(theta_deg), 0.5 * (r_m[1] - r_m[0])
+    extent = (theta_deg[0] - half_deg, theta_deg[-1] + half_deg, r_m[0] - half_m, r_m[-1] + half_m)
+    drawn = axes.imshow(beam_map.normalised().T, origin='lower', aspect='auto', extent=extent, cmap='viridis',
+                        vmin=0.0, interpolation='nearest')
+    span_deg = min(_RECTANGLE_DEG, 0.1 * (extent[1] - extent[0]))
+    span_m = _RECTANGLE_M * r_m[-1]
+    for edge in (*(estimate.polygon.edges if estimate.polygon else ()), *estimate.walls):
+        turns = np.rad2deg(edge.theta) + 360.0 * np.arange(-2, 3)
+        for place in turns[(turns >= extent[0]) & (turns <= extent[1])]:
+            axes.add_patch(Rectangle((place - span_deg / 2, edge.r - span_m / 2), span_deg, span_m, fill=False,
+                                     edgecolor='red', linewidth=1.6, clip_on=True))
+    axes.set_xlabel(r'$\theta$ [deg]')
+    axes.set_ylabel('r [m]')
+    figure.colorbar(drawn, ax=axes, label=r'$\mathcal{L}_T(r, \theta)\,/\,$max', pad=0.02)
+
+
+def _ring(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.vstack([vertices, vertices[:1]])
+
+
+def _two_points(edge: Edge) -> tuple[tuple[float, float], tuple[float, float]]:
+    c, s = np.cos(edge.theta), np.sin(edge.theta)
+    return (edge.r * c, edge.r * s), (edge.r * c - s, edge.r * s + c)
+
+
+def _fit(axes: Any, clouds: list[NDArray[np.float64]]) -> None:
+    """Limits around everything, of a size even where it is a line or a point."""
+    points = np.vstack([*clouds, np.zeros((0, 2))])
+    low, high = (points.min(axis=0), points.max(axis=0)) if len(points) else (np.zeros(2), np.ones(2))
+    border = 0.06 * max(float(np.max(high - low)), 1e-6)
+    thin = np.maximum(0.25 * np.max(high - low) - (high - low), 0.0) / 2.0
+    (left, bottom), (right, top) = low - border - thin, high + border + thin
+    axes.set_xlim(left, right)
+    axes.set_ylim(bottom, top)

@@ -1,0 +1,98 @@
+"""polygon.json: the answer, what it rests on, and the parameters that led to it."""
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import PurePath
+from typing import Any
+
+from polymap_ros import __version__
+from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.mapping.mapper import PingCounts
+from polymap_ros.parameters import Parameters, Value
+
+FORMAT = 'polymap/1'
+_FILE_PARAMETERS = ('pulse.path', 'output.dir', 'output.load_path')
+
+
+def polygon_document(
+    estimate: Estimate, frame_id: str, counts: PingCounts, parameters: Parameters, cautions: Sequence[Caution] = ()
+) -> dict[str, Any]:
+    """The content of polygon.json.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        In the odometry's frame.
+    frame_id : str
+        Name of that frame.
+    counts : PingCounts
+        What became of the pings.
+    parameters : Parameters
+        Those in force; of file names only the last part is kept, so that the place of work does not show.
+    cautions : sequence of Caution
+        Further warnings beside the estimate's own, such as a recording's.
+    """
+    closed = estimate.polygon if estimate.status == 'closed' else None
+    return {
+        'format': FORMAT, 'status': estimate.status, 'frame_id': frame_id, 'stamp_ns': int(estimate.stamp_ns),
+        'method': estimate.method,
+        **(_candidate(closed) if closed else {'vertices': [], 'edges': []}),
+        'walls': [_edge(edge) for edge in estimate.walls],
+        'alternatives': [_candidate(candidate) for candidate in estimate.alternatives],
+        'cost': _number(estimate.cost), 'iou_free_area': _number(estimate.iou_free_area),
+        'pings': {
+            'received': int(counts.received), 'used': int(counts.used),
+            'dropped': {reason: int(number) for reason, number in sorted(counts.dropped.items())},
+        },
+        'warnings': [{'code': each.code, 'text': each.text} for each in (*estimate.cautions, *cautions)],
+        'parameters': {name: _shown(name, value) for name, value in parameters.flat().items()},
+        'software': {'polymap_ros': __version__},
+    }
+
+
+def encode(document: dict[str, Any]) -> bytes:
+    """Standard JSON with a vertex, an edge or a parameter a line; the same document gives the same bytes."""
+    return f'{_lines(document, depth=2)}\n'.encode()
+
+
+def _lines(value: Any, depth: int, indent: str = '') -> str:
+    if depth == 0 or not value or not isinstance(value, (dict, list)) or not _is_nested(value, depth):
+        return json.dumps(value, allow_nan=False)
+    inner = indent + ' '
+    if isinstance(value, dict):
+        items = [f'{json.dumps(key)}: {_lines(item, depth - 1, inner)}' for key, item in value.items()]
+        opening, closing = '{', '}'
+    else:
+        items = [_lines(item, depth - 1, inner) for item in value]
+        opening, closing = '[', ']'
+    return f'{opening}\n{inner}' + f',\n{inner}'.join(items) + f'\n{indent}{closing}'
+
+
+def _is_nested(value: dict[str, Any] | list[Any], depth: int) -> bool:
+    """Whether a value is worth a line per item: the document, lists of things, long mappings."""
+    if isinstance(value, list):
+        return isinstance(value[0], (dict, list))
+    return depth == 2 or len(value) > 6
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    return {
+        'vertices': [[_number(x), _number(y)] for x, y in candidate.vertices],
+        'edges': [_edge(edge) for edge in candidate.edges],
+    }
+
+
+def _edge(edge: Edge) -> dict[str, Any]:
+    return {
+        'r': _number(edge.r), 'theta': _number(edge.theta), 'likelihood': _number(edge.likelihood),
+        'r_std': _number(edge.r_std), 'theta_std': _number(edge.theta_std), 'pings': int(edge.pings),
+    }
+
+
+def _number(value: float | None) -> float | None:
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
+def _shown(name: str, value: Value) -> Value:
+    return PurePath(str(value)).name if name in _FILE_PARAMETERS else value

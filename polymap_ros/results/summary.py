@@ -1,0 +1,98 @@
+"""What a command says about its answer on stdout."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+
+from polymap_ros.mapping.comparison import Comparison
+from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.mapping.mapper import PingCounts
+
+
+def summary(
+    estimate: Estimate, frame_id: str, counts: PingCounts, cautions: Sequence[Caution] = (),
+    comparison: Comparison | None = None,
+) -> str:
+    """The answer in words and tables.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        In the odometry's frame.
+    frame_id : str
+        Name of that frame.
+    counts : PingCounts
+        What became of the pings.
+    cautions : sequence of Caution
+        Warnings beside the estimate's own.
+    comparison : Comparison, optional
+        With the ground truth.
+    """
+    lines = [_headline(estimate)]
+    if estimate.polygon is not None:
+        lines += _polygon_lines(estimate.polygon, frame_id)
+    for number, candidate in enumerate(estimate.alternatives, start=1):
+        lines += [f'candidate {number}', *_polygon_lines(candidate, frame_id)]
+    if estimate.walls:
+        lines += ['certain walls', *_edge_table(estimate.walls)]
+    lines.append(f'pings: {counts.received} received, {counts.used} used{_dropped(counts.dropped)}')
+    if estimate.iou_free_area is not None:
+        lines.append(f'IoU with the free area: {estimate.iou_free_area:.4f}')
+    if comparison is not None:
+        lines += _comparison_lines(comparison)
+    lines += [f'warning ({each.code}): {each.text}' for each in (*estimate.cautions, *cautions)]
+    return '\n'.join(lines)
+
+
+def _headline(estimate: Estimate) -> str:
+    answer = {
+        'closed': f'{len(estimate.polygon.edges) if estimate.polygon else 0} edges',
+        'ambiguous': f'{len(estimate.alternatives)} polygons fit',
+        'open': 'no polygon closes',
+    }[estimate.status]
+    cost = '' if estimate.cost is None else f', cost {estimate.cost:.4g}'
+    return f'{estimate.status}: {answer} (method {estimate.method}{cost})'
+
+
+def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
+    """A row per edge, with the vertex it starts from."""
+    corners = polygon.vertices
+    lengths = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    rows = [
+        f'{i:6d}{x:10.4f}{y:10.4f}{length:10.4f}{edge}'
+        for i, ((x, y), length, edge) in enumerate(zip(corners, lengths, map(_edge_cells, polygon.edges), strict=True))
+    ]
+    area, size = shapely.Polygon(corners).area, max(np.ptp(corners, axis=0))
+    return [
+        f'  edge     x [m]     y [m]length [m]{_EDGE_HEAD}',
+        *rows,
+        f'area {area:.4g} m2, extent {size:.4g} m, corners counter-clockwise in {frame_id or "the odometry frame"}',
+    ]
+
+
+_EDGE_HEAD = '     r [m]  theta [deg]  likelihood  pings'
+
+
+def _edge_table(edges: Sequence[Edge]) -> list[str]:
+    return [f'  edge{_EDGE_HEAD}', *(f'{i:6d}{_edge_cells(edge)}' for i, edge in enumerate(edges))]
+
+
+def _edge_cells(edge: Edge) -> str:
+    return f'{edge.r:10.4f}{np.rad2deg(edge.theta):13.3f}{edge.likelihood:12.3f}{edge.pings:7d}'
+
+
+def _dropped(dropped: Mapping[str, int]) -> str:
+    parts = [f'{number} {reason}' for reason, number in sorted(dropped.items()) if number]
+    return f', dropped: {", ".join(parts)}' if parts else ''
+
+
+def _comparison_lines(found: Comparison) -> list[str]:
+    verdict = 'right' if found.right else 'not right'
+    lines = [f'against the truth: {found.n_estimated} edges of {found.n_true}, {verdict}; IoU {found.iou:.4f}']
+    offsets_mm = 1e3 * np.abs([offset for offset in found.offsets_m if np.isfinite(offset)])
+    angles_deg = np.rad2deg(np.abs([angle for angle in found.angles_rad if np.isfinite(angle)]))
+    if offsets_mm.size:
+        lines.append(f'  wall offset: median {np.median(offsets_mm):.3g} mm, largest {offsets_mm.max():.3g} mm')
+        lines.append(f'  wall angle: median {np.median(angles_deg):.3g} deg, largest {angles_deg.max():.3g} deg')
+    return lines

@@ -1,0 +1,73 @@
+"""The grid against shapely cell by cell, and the files as Nav2's map server takes them."""
+
+import numpy as np
+import pytest
+import shapely
+import yaml
+from scipy import ndimage
+
+from polymap_ros.errors import ParameterError
+from polymap_ros.results.map_files import map_yaml, pgm
+from polymap_ros.results.occupancy import FREE, OCCUPIED, UNKNOWN, occupancy
+
+TRIANGLE = [[0.013, 0.007], [1.2, 0.0], [0.4, 0.9]]
+PENTAGON = [[0, 0], [1, 0], [1.3, 0.7], [0.6, 1.2], [-0.2, 0.6]]
+DIAMOND = [[0, -1], [1, 0], [0, 1], [-1, 0]]
+
+
+@pytest.mark.parametrize('vertices', [TRIANGLE, PENTAGON, DIAMOND, np.array(TRIANGLE) * 1e-4, np.array(PENTAGON) - 50])
+def test_every_cell_agrees_with_shapely(vertices):
+    size = np.ptp(vertices, axis=0).max()
+    grid = occupancy(vertices, size / 37.3, size / 10)
+    room = shapely.Polygon(vertices)
+    for row, column in np.ndindex(*grid.cells.shape):
+        x, y = np.array(grid.origin) + grid.resolution_m * np.array([column, row])
+        cell = shapely.box(x, y, x + grid.resolution_m, y + grid.resolution_m)
+        if (distance := cell.distance(room.boundary)) > 1e-5 * grid.resolution_m:
+            inside = room.contains(cell.centroid)
+            assert grid.cells[row, column] == (FREE if inside else UNKNOWN), (row, column)
+        elif distance == 0.0 and cell.intersection(room.boundary).length > 1e-6 * size:
+            assert grid.cells[row, column] == OCCUPIED, (row, column)
+
+
+@pytest.mark.parametrize('vertices', [DIAMOND, PENTAGON, TRIANGLE, [[0, 0], [1, 0], [1, 0.5], [0, 0.5]]])
+@pytest.mark.parametrize('resolution', [0.05, 0.013])
+def test_free_cells_are_enclosed_even_for_diagonal_steps(vertices, resolution):
+    cells = occupancy(vertices, resolution, 0.1).cells
+    labels, _ = ndimage.label(cells != OCCUPIED, structure=np.ones((3, 3)))
+    assert labels[0, 0] not in labels[cells == FREE]
+    assert np.all(cells[labels == labels[0, 0]] == UNKNOWN)
+
+
+def test_the_border_is_as_wide_as_asked():
+    grid = occupancy([[0.01, 0.01], [0.99, 0.01], [0.99, 0.99], [0.01, 0.99]], 0.02, 0.1)
+    rows, columns = np.nonzero(grid.cells != UNKNOWN)
+    assert (columns.min() * 0.02, rows.min() * 0.02) == pytest.approx((0.1, 0.1), abs=0.021)
+    assert grid.origin == pytest.approx((-0.1, -0.1), abs=1e-12)
+    assert grid.cells.shape[1] - 1 - columns.max() >= 5
+
+
+def test_a_map_beyond_reason_is_refused():
+    with pytest.raises(ParameterError, match=r'map\.resolution_m: 1e-06 makes a map of 1e\+12 cells; allowed: up to'):
+        occupancy([[0, 0], [1, 0], [1, 1]], 1e-6, 0.0)
+
+
+def read_as_map_server(image, description):
+    """Nav2's nav2_map_server, trinary mode: thresholds on 1 - pixel / 255, rows from the top."""
+    magic, size, depth, pixels = image.split(b'\n', 3)
+    columns, rows = map(int, size.split())
+    assert (magic, depth, len(pixels)) == (b'P5', b'255', rows * columns)
+    p = 1.0 - np.frombuffer(pixels, np.uint8).reshape(rows, columns)[::-1] / 255.0
+    assert (description['mode'], description['negate']) == ('trinary', 0)
+    free = np.where(p < description['free_thresh'], 0, -1)
+    return np.where(p > description['occupied_thresh'], 100, free)
+
+
+def test_the_map_server_reads_back_the_same_cells():
+    grid = occupancy(PENTAGON, 0.02, 0.1)
+    description = yaml.safe_load(map_yaml(grid))
+    np.testing.assert_array_equal(read_as_map_server(pgm(grid), description), grid.cells)
+    assert set(np.unique(grid.cells)) == {-1, 0, 100}
+    assert description['image'] == 'map.pgm'
+    assert description['resolution'] == 0.02
+    assert description['origin'] == pytest.approx([-0.3, -0.1, 0.0], abs=0.0201)
