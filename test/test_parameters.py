@@ -1,0 +1,254 @@
+"""Parameters: every rule of names, types, values and files."""
+
+import dataclasses
+import math
+
+import pytest
+
+from polymap_ros.errors import ParameterError
+from polymap_ros.parameters import (
+    EchoParameters,
+    GridParameters,
+    MediumParameters,
+    Parameters,
+    PulseParameters,
+    SolverParameters,
+    load_parameters,
+    parse_override,
+    specifications,
+)
+
+# The published names and defaults: users' files depend on them.
+PUBLISHED = {
+    'medium.model': 'lamb_a0', 'medium.thickness_m': 0.006, 'medium.longitudinal_speed_m_s': 6149.0,
+    'medium.shear_speed_m_s': 3097.0, 'medium.speed_m_s': 343.0, 'medium.spreading_exponent': -1.0,
+    'pulse.kind': 'tone_burst', 'pulse.frequency_hz': 100000.0, 'pulse.cycles': 2.0, 'pulse.window': 'hann',
+    'pulse.bandwidth_hz': 0.0, 'pulse.duration_s': 0.0, 'pulse.path': '',
+    'echo.type': 'sensor_msgs/msg/LaserScan', 'echo.kind': 'rf', 'echo.t0_s': 0.0, 'echo.sample_period_s': 0.0,
+    'echo.blanking_m': 0.02, 'echo.allow_unstamped': False,
+    'sensor.x_m': 0.0, 'sensor.y_m': 0.0,
+    'grid.range_max_m': 3.0, 'grid.range_step_m': 0.005, 'grid.angle_step_deg': 1.0, 'grid.angle_min_deg': 0.0,
+    'grid.angle_max_deg': 360.0,
+    'solver.max_edges': 10, 'solver.period_s': 1.0, 'solver.seed': 1, 'solver.iterations': 300,
+    'solver.iou_weight': 3.0, 'solver.edge_filter_epsilon': 0.01, 'solver.neighbourhood_m': 0.054,
+    'solver.neighbourhood_deg': 48.0,
+    'map.resolution_m': 0.0, 'map.margin_m': 0.1,
+    'output.dir': 'polymap', 'output.autosave_s': 0.0, 'output.load_path': '',
+    'topics.odom': 'odom', 'topics.echo': 'echo',
+}
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write_file(text):
+        path = tmp_path / 'parameters.yaml'
+        path.write_text(text, encoding='utf-8')
+        return path
+    return write_file
+
+
+def test_published_names_and_defaults_hold():
+    values = Parameters().flat()
+    assert {name: values.get(name) for name in PUBLISHED} == PUBLISHED
+    assert {name: type(values[name]) for name in PUBLISHED} == {name: type(v) for name, v in PUBLISHED.items()}
+    assert values['solver.method'] == 'paper'
+
+
+def test_every_parameter_has_a_text_and_a_valid_default():
+    assert len(specifications()) == len(Parameters().flat())
+    for spec in specifications():
+        assert spec.text
+        assert spec.check(spec.default) == spec.default
+        assert type(spec.default) is spec.type
+        assert spec.name.endswith('_' + spec.unit.lower().replace('/', '_')) or spec.unit in ('', 'cycles'), spec.name
+
+
+@pytest.mark.parametrize('spec', specifications(), ids=lambda spec: spec.name)
+def test_every_parameter_refuses_the_wrong_type_and_what_is_out_of_range(spec):
+    wrong = [None, [1.0], {'a': 1}, 'text' if spec.type is not str else 1.0]
+    wrong += [True] if spec.type is not bool else [0, 1]
+    wrong += [1.5, 1.0] if spec.type is int else []
+    wrong += [math.nan, math.inf, -math.inf] if spec.type is float else []
+    wrong += ['no such choice'] if spec.choices else []
+    wrong += [type(spec.default)(spec.minimum - 1)] if spec.minimum is not None else []
+    wrong += [type(spec.default)(spec.above)] if spec.above is not None else []
+    wrong += [type(spec.default)(spec.maximum + 1)] if spec.maximum is not None else []
+    for value in wrong:
+        with pytest.raises(ParameterError) as refused:
+            Parameters().replaced({spec.name: value})
+        assert refused.value.name == spec.name
+        assert spec.name in str(refused.value)
+        assert spec.allowed() in str(refused.value)
+
+
+def test_an_integer_is_taken_for_a_double():
+    parameters = Parameters().replaced({'grid.range_max_m': 5, 'pulse.cycles': 3})
+    assert parameters.grid.range_max_m == 5.0
+    assert type(parameters.grid.range_max_m) is float
+    assert type(GridParameters(range_max_m=5).range_max_m) is float
+    with pytest.raises(ParameterError, match='double'):
+        Parameters().replaced({'grid.range_max_m': True})
+
+
+@pytest.mark.parametrize(('name', 'hint'), [
+    ('grid.range_stepm', 'grid.range_step_m'),
+    ('solver.lambda', 'solver.method'),
+    ('thickness_m', 'medium.thickness_m'),
+    ('grid', 'grid.range_max_m'),
+])
+def test_an_unknown_name_is_refused_with_a_hint(name, hint):
+    with pytest.raises(ParameterError, match='unknown') as refused:
+        Parameters().replaced({name: 1.0})
+    assert hint in str(refused.value)
+
+
+def test_evidence_is_refused_until_it_exists():
+    with pytest.raises(ParameterError, match=r'paper \| rectangle'):
+        SolverParameters(method='evidence')
+
+
+@pytest.mark.parametrize(('build', 'name'), [
+    (lambda: MediumParameters(shear_speed_m_s=7000.0), 'medium.shear_speed_m_s'),
+    (lambda: PulseParameters(kind='chirp', duration_s=1e-3), 'pulse.bandwidth_hz'),
+    (lambda: PulseParameters(kind='chirp', bandwidth_hz=1e3), 'pulse.duration_s'),
+    (lambda: PulseParameters(kind='chirp', bandwidth_hz=3e5, duration_s=1e-3), 'pulse.bandwidth_hz'),
+    (lambda: PulseParameters(kind='file'), 'pulse.path'),
+    (lambda: EchoParameters(type='sensor_msgs/msg/Image'), 'echo.sample_period_s'),
+    (lambda: EchoParameters(type='std_msgs/msg/Float32MultiArray', sample_period_s=1e-6), 'echo.allow_unstamped'),
+    (lambda: GridParameters(range_step_m=2.0), 'grid.range_step_m'),
+    (lambda: GridParameters(angle_min_deg=90.0, angle_max_deg=90.0), 'grid.angle_max_deg'),
+    (lambda: GridParameters(angle_min_deg=-10.0, angle_max_deg=360.0), 'grid.angle_max_deg'),
+    (lambda: GridParameters(range_step_m=1e-6, angle_step_deg=1e-3), 'grid.range_step_m'),
+])
+def test_values_that_do_not_go_together_are_refused(build, name):
+    with pytest.raises(ParameterError) as refused:
+        build()
+    assert refused.value.name == name
+
+
+def test_values_that_go_together_only_are_taken_together():
+    chirp = {'pulse.kind': 'chirp', 'pulse.bandwidth_hz': 2e4, 'pulse.duration_s': 1e-3}
+    assert Parameters().replaced(chirp).pulse.bandwidth_hz == 2e4
+    # A shear speed above aluminium's longitudinal one is fine with a faster medium, and without a plate.
+    assert Parameters().replaced({'medium.shear_speed_m_s': 7e3, 'medium.longitudinal_speed_m_s': 12e3})
+    assert MediumParameters(model='constant', shear_speed_m_s=7e3)
+
+
+def test_parameters_are_immutable_and_by_name():
+    parameters = Parameters()
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        parameters.grid.range_max_m = 1.0
+    assert parameters['grid.range_max_m'] == 3.0
+    assert parameters.replaced({}) == parameters
+    assert list(parameters.flat()) == [spec.name for spec in specifications()]
+
+
+@pytest.mark.parametrize(('name', 'text'), [
+    ('pulse.cycles', 'double in (0, inf) cycles'), ('solver.max_edges', 'integer in [3, 64]'),
+    ('medium.model', 'lamb_a0 | constant'), ('echo.allow_unstamped', 'bool'), ('topics.odom', 'string'),
+    ('echo.t0_s', 'double s'), ('medium.spreading_exponent', 'double in (-inf, 10]'),
+])
+def test_what_is_allowed_is_said_in_words(name, text):
+    assert {spec.name: spec for spec in specifications()}[name].allowed() == text
+
+
+@pytest.mark.parametrize(('text', 'value'), [
+    ('solver.seed:=3', 3), ('grid.range_max_m:=2.5', 2.5), ('grid.range_max_m:=1.0e-2', 0.01),
+    ('echo.allow_unstamped:=true', True), ('topics.odom:=/robot/odom', '/robot/odom'), ('pulse.path:=', ''),
+])
+def test_an_override_is_read_as_ros_reads_it(text, value):
+    name, parsed = parse_override(text)
+    assert name == text.partition(':=')[0]
+    assert parsed == value
+    assert type(parsed) is type(value)
+
+
+@pytest.mark.parametrize('text', ['solver.seed', 'solver.seed=3', ':=3', '', 'solver.seed:=[1', 'solver.seed:={'])
+def test_a_malformed_override_is_refused(text):
+    with pytest.raises(ParameterError):
+        parse_override(text)
+
+
+def test_a_file_is_read_and_knows_its_folder(write):
+    path = write('''
+polymap_node:
+  ros__parameters:
+    pulse: {kind: file, path: pulse.npy}
+    grid:
+      range_max_m: 2
+    solver.seed: 7
+''')
+    parameters = load_parameters(path)
+    assert parameters.pulse.path == 'pulse.npy'
+    assert parameters.grid.range_max_m == 2.0
+    assert parameters.solver.seed == 7
+    assert parameters.folder == path.parent.resolve()
+    assert parameters.folder.is_absolute()
+
+
+def test_the_most_specific_key_wins_whatever_the_order(write):
+    path = write('''
+/robot1/polymap_node:
+  ros__parameters: {solver: {seed: 3}}
+polymap_node:
+  ros__parameters: {solver: {seed: 2, max_edges: 8}}
+/**:
+  ros__parameters: {solver: {seed: 1, max_edges: 7, iterations: 50}}
+/robot1/other_node:
+  ros__parameters: {solver: {seed: 99}, whatever: 1}
+''')
+    solver = load_parameters(path).solver
+    assert (solver.seed, solver.max_edges, solver.iterations) == (3, 8, 50)
+
+
+def test_names_of_other_nodes_and_of_ros_are_left_alone(write):
+    path = write('''
+/**:
+  ros__parameters: {use_sim_time: true, grid: {something_else: 1, range_max_m: 2.0}, robot: {name: a}}
+polymap_node:
+  ros__parameters:
+    use_sim_time: true
+    qos_overrides: {/odom: {subscription: {reliability: reliable}}}
+''')
+    assert load_parameters(path).grid.range_max_m == 2.0
+
+
+@pytest.mark.parametrize(('text', 'said'), [
+    ('polymap_node: {ros__parameters: {grid: {range_stepm: 1.0}}}', 'grid.range_stepm: unknown'),
+    ('polymap_node: {ros__parameters: {grid: {range_step_m: wide}}}', 'grid.range_step_m'),
+    ('/a/polymap_node: {ros__parameters: {solver: {method: magic}}}', 'paper | rectangle'),
+    ('/**: {ros__parameters: {medium: {thickness_m: -1.0}}}', 'medium.thickness_m'),
+    ('polymap_node: {ros__parameters: {grid: 3}}', 'grid: unknown'),
+    ('polymap_node: {grid: {range_step_m: 1.0}}', 'polymap_node has no ros__parameters'),
+    ('polymap_node: 3', 'polymap_node has no ros__parameters'),
+    ('other_node: {ros__parameters: {}}', 'only other_node'),
+    ('[1, 2]', 'not a ROS parameter file'),
+    ('', 'not a ROS parameter file'),
+    ('a: [1', 'is not YAML'),
+])
+def test_a_wrong_file_is_refused_in_one_line(write, text, said):
+    with pytest.raises(ParameterError) as refused:
+        load_parameters(write(text))
+    assert said in str(refused.value)
+    assert '\n' not in str(refused.value)
+
+
+def test_an_empty_section_changes_nothing(write):
+    assert load_parameters(write('polymap_node: {ros__parameters: {}}')) == Parameters()
+    assert load_parameters(write('/**:\n  ros__parameters: {use_sim_time: false}')) == Parameters()
+
+
+def test_unreadable_files_are_named(tmp_path):
+    with pytest.raises(ParameterError, match=r'missing\.yaml'):
+        load_parameters(tmp_path / 'missing.yaml')
+    with pytest.raises(ParameterError, match=tmp_path.name):
+        load_parameters(tmp_path)
+    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ParameterError, match=r'binary\.yaml'):
+        load_parameters(tmp_path / 'binary.yaml')
+
+
+def test_a_file_changes_what_it_names_of_a_base(write):
+    base = Parameters().replaced({'solver.seed': 5, 'grid.range_max_m': 1.0})
+    loaded = load_parameters(write('polymap_node: {ros__parameters: {solver: {seed: 6}}}'), base)
+    assert loaded == base.replaced({'solver.seed': 6})
