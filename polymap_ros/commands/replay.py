@@ -1,6 +1,7 @@
 """polymap_replay: a recording in, the polygon out."""
 
 import argparse
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -141,3 +142,7 @@ def _reason(estimate: 'Estimate', mapper: 'PolygonMapper', cautions: 'Sequence[C
         reason = max(mapper.counts.dropped, key=lambda key: (mapper.counts.dropped[key], key))
         parts.insert(0, f'all pings were dropped, most as {reason}: {mapper.last_drop_texts.get(reason, "")}')
     return f'{estimate.status}, no polygon closes: {"; ".join(parts)}'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

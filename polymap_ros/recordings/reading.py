@@ -9,6 +9,9 @@ from typing import Any, NamedTuple
 from polymap_ros.errors import PolymapError, RecordingError
 from polymap_ros.mapping.estimate import Caution
 
+_FOREVER_S = 1e9
+"""Beyond any recording, and still within the 64 bits that log times have."""
+
 
 class Topic(NamedTuple):
     """What a recording says it holds of one topic."""
@@ -138,8 +141,7 @@ class Recording:
         connections = [each for each in self._reader.connections if topics is None or each.topic in topics]
         if not connections:
             return
-        start_ns = None if start_s is None else self.start_ns + round(start_s * 1e9)
-        end_ns = None if end_s is None else self.start_ns + round(end_s * 1e9)
+        start_ns, end_ns = self._log_time(start_s), self._log_time(end_s)
         self._seen.clear()
         self.damaged.clear()
         raw_messages = self._reader.messages(connections, start_ns, end_ns)
@@ -156,6 +158,9 @@ class Recording:
                 self.damaged[connection.topic] += 1
                 continue
             yield Entry(connection.topic, connection.msgtype, message, log_ns)
+
+    def _log_time(self, offset_s: float | None) -> int | None:
+        return None if offset_s is None else self.start_ns + round(min(offset_s, _FOREVER_S) * 1e9)
 
     def cautions(self, topics: Collection[str]) -> list[Caution]:
         """Say what a complete pass of `messages` over `topics` did not find although the recording promised it."""

@@ -15,6 +15,7 @@ from polymap_ros.mapping.pose import Pose
 _TRUTH = {'color': '#d62728', 'linestyle': (0, (5, 3)), 'linewidth': 1.8}
 _EDGE = {'color': '#2ca02c', 'linewidth': 2.2}
 _PATH = {'color': 'black', 'linewidth': 0.7, 'marker': 'o', 'markersize': 2.4}
+_ARROW = {'arrowstyle': '-|>', 'color': '#1f77b4', 'linewidth': 1.5, 'shrinkA': 0, 'shrinkB': 0}
 _RECTANGLE_M, _RECTANGLE_DEG = 0.04, 14.0
 """Least size of the red rectangles, as a share of the range axis and in degrees: to be seen at any scale."""
 
@@ -95,8 +96,7 @@ def _draw_start(axes: Any, start: Pose) -> None:
     tips = start.apply(np.array([[length, 0.0], [0.0, length]]))
     labels = start.apply(1.35 * np.array([[length, 0.0], [0.0, length]]))
     for tip, place, name in zip(tips, labels, 'xy', strict=True):
-        axes.annotate('', xy=tip, xytext=(start.x, start.y), zorder=5,
-                      arrowprops={'arrowstyle': '-|>', 'color': '#1f77b4', 'linewidth': 1.5, 'shrinkA': 0, 'shrinkB': 0})
+        axes.annotate('', xy=tip, xytext=(start.x, start.y), zorder=5, arrowprops=_ARROW)
         axes.text(*place, name, color='#1f77b4', ha='center', va='center', fontsize='small', zorder=5)
     corner = start.apply(-0.35 * np.array([length, length]))
     axes.text(*corner, 'O', color='#1f77b4', ha='center', va='center', fontsize='small', zorder=5)

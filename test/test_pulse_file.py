@@ -1,0 +1,68 @@
+"""A recorded pulse is found beside the parameter file, and a wrong one is refused by name."""
+
+import numpy as np
+import pytest
+import scipy.io.wavfile
+
+from polymap_ros.errors import ParameterError
+from polymap_ros.parameters import Parameters, load_parameters
+from polymap_ros.pulse_file import read_pulse
+
+SAMPLES = np.sin(np.arange(40)) * np.hanning(40)
+
+
+def parameters(folder, name):
+    (folder / 'p.yaml').write_text(
+        f'polymap_node: {{ros__parameters: {{pulse: {{kind: file, path: "{name}"}}}}}}')
+    return load_parameters(folder / 'p.yaml')
+
+
+def test_the_other_kinds_need_no_file():
+    assert read_pulse(Parameters()) is None
+
+
+@pytest.mark.parametrize('dtype', [np.float32, np.float64])
+def test_npy_relative_to_the_parameter_file(tmp_path, monkeypatch, dtype):
+    (tmp_path / 'sub').mkdir()
+    np.save(tmp_path / 'sub' / 'pulse.npy', SAMPLES.astype(dtype))
+    monkeypatch.chdir(tmp_path / 'sub')
+    found = read_pulse(parameters(tmp_path, 'sub/pulse.npy'))
+    assert found.dtype == np.float64
+    np.testing.assert_allclose(found, SAMPLES, atol=1e-7)
+
+
+@pytest.mark.parametrize(('scale', 'dtype', 'tolerance'), [
+    (1.0, np.float32, 1e-7), (32768.0, np.int16, 3.1e-5), (2147483648.0, np.int32, 1e-9)])
+def test_wav_is_scaled_to_one(tmp_path, scale, dtype, tolerance):
+    stereo = np.column_stack((SAMPLES, np.zeros(40))) * 0.9 * scale
+    scipy.io.wavfile.write(tmp_path / 'pulse.wav', 1_000_000, stereo.astype(dtype))
+    np.testing.assert_allclose(read_pulse(parameters(tmp_path, 'pulse.wav')), 0.9 * SAMPLES, atol=tolerance)
+
+
+def test_wav_of_eight_bits_is_centred(tmp_path):
+    scipy.io.wavfile.write(tmp_path / 'pulse.wav', 1000, np.array([0, 128, 192], np.uint8))
+    np.testing.assert_array_equal(read_pulse(parameters(tmp_path, 'pulse.wav')), [-1.0, 0.0, 0.5])
+
+
+@pytest.mark.parametrize(('name', 'content', 'reason'), [
+    ('none.npy', None, 'No such file'),
+    ('pulse.txt', b'1 2 3', 'neither .npy nor .wav'),
+    ('pulse.npy', b'', 'cannot be read'),
+    ('pulse.npy', b'\x93NUMPY\x01\x00', 'cannot be read'),
+    ('pulse.wav', b'RIFF', 'cannot be read'),
+    ('pulse.wav', bytes(100), 'cannot be read'),
+])
+def test_a_file_that_is_no_pulse(tmp_path, name, content, reason):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(ParameterError, match=f'pulse.path: .*{name}.*{reason}'):
+        read_pulse(parameters(tmp_path, name))
+
+
+@pytest.mark.parametrize('samples', [
+    np.zeros(40), np.array([1.0]), np.array([1.0, np.nan]), np.ones((3, 4)), np.array(['a', 'b']),
+    np.array([{}, {}], dtype=object), np.array([1j, 2])])
+def test_samples_that_are_no_pulse(tmp_path, samples):
+    np.save(tmp_path / 'pulse.npy', samples, allow_pickle=True)
+    with pytest.raises(ParameterError, match=r'pulse.path: .*pulse\.npy: '):
+        read_pulse(parameters(tmp_path, 'pulse.npy'))
