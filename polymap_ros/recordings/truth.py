@@ -17,7 +17,7 @@ def truth_path(recording: Path) -> Path:
 
 
 def read_truth(recording: Path) -> NDArray[np.float64] | None:
-    """Corners of the true polygon, shape (n, 2) [m] in the odometry's frame; None where no truth is known.
+    """Corners of the true polygon, counter-clockwise, shape (n, 2) [m] in the odometry's frame; None if not known.
 
     Raises
     ------
@@ -33,4 +33,6 @@ def read_truth(recording: Path) -> NDArray[np.float64] | None:
         raise RecordingError(f'{path}: is no ground truth ({type(error).__name__}: {error})') from error
     if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
         raise RecordingError(f'{path}: vertices of shape {vertices.shape}; allowed: at least three finite [x, y]')
-    return vertices
+    x, y = vertices.T
+    clockwise = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0
+    return vertices[::-1] if clockwise else vertices
