@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from polymap_ros.commands import console
 from polymap_ros.commands.ros import require_ros, without_ros_arguments
-from polymap_ros.errors import RecordingError, UsageError
+from polymap_ros.errors import UsageError
 
 if TYPE_CHECKING:
     from polymap_ros.recordings.reading import Recording
@@ -26,9 +26,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> console.Parser:
-    parser = console.Parser(PROGRAM, "Publishes a recording's odometry as 'odom' and its echoes as 'echo', both reliable, "
-                                     'and /clock.', 'ROS arguments such as remaps follow --ros-args.')
-    parser.add_argument('recording', type=Path, metavar='RECORDING', help='rosbag2 directory, or bare .mcap or .db3 file')
+    parser = console.Parser(
+        PROGRAM, "Publishes a recording's odometry as 'odom' and its echoes as 'echo', both reliable, and /clock.",
+        'ROS arguments such as remaps follow --ros-args.')
+    parser.add_argument('recording', type=Path, metavar='RECORDING', help='rosbag2 directory, or .mcap or .db3 file')
     parser.add_argument('--rate', type=float, default=1.0, metavar='R', help='speed, 2 is twice as fast (default: 1)')
     parser.add_argument('--loop', action='store_true', help='start again at the end, until Ctrl-C')
     parser.add_argument('--wait', type=float, default=WAIT_S, metavar='S',

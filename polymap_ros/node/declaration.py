@@ -3,6 +3,7 @@
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -129,7 +130,7 @@ def _descriptor(spec: Specification) -> ParameterDescriptor:
 
 def _parameter_files(arguments: Sequence[str]) -> Iterator[tuple[Path, dict[str, set[str]]]]:
     """Each parameter file of the command line with the names it gives, by node; rcl has read them before."""
-    for flag, value in zip(arguments, arguments[1:], strict=False):
+    for flag, value in pairwise(arguments):
         if flag == '--params-file':
             tree = yaml.safe_load(Path(value).read_text(encoding='utf-8')) or {}
             yield Path(value), {node: set(_names(body)) for node, body in _sections(tree)}
@@ -155,7 +156,7 @@ def _for_other_nodes(files: Sequence[tuple[Path, dict[str, set[str]]]], argument
     """Names given to all nodes in files (``/**``) and nowhere by themselves."""
     shared: set[str] = set()
     own = {value.partition(':=')[0].rpartition(':')[2]
-           for flag, value in zip(arguments, arguments[1:], strict=False) if flag in ('-p', '--param')}
+           for flag, value in pairwise(arguments) if flag in ('-p', '--param')}
     for _, keys in files:
         for key, names in keys.items():
             (shared if key == '/**' else own).update(names)

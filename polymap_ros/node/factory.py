@@ -46,4 +46,6 @@ def _field(value: Any, kind: str) -> Any:
         is_array = kind.startswith('sequence<') and isinstance(value, np.ndarray)
         return _sequence(value) if is_array else value
     type_name = f'{package}/msg/{name}'
-    return converted(value, type_name) if kind == f'{package}/{name}' else [converted(each, type_name) for each in value]
+    if kind == f'{package}/{name}':
+        return converted(value, type_name)
+    return [converted(each, type_name) for each in value]

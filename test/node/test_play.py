@@ -36,7 +36,8 @@ def recording(tmp_path_factory) -> Path:
 
 
 def play(start, recording, *arguments, ready=''):
-    return start(str(recording), '-p', 'topics.echo:=/sonar/raw', '--wait', '20', *arguments, command='play', ready=ready)
+    fixed = [str(recording), '-p', 'topics.echo:=/sonar/raw', '--wait', '20']
+    return start(*fixed, *arguments, command='play', ready=ready)
 
 
 def test_everything_arrives_once_and_in_order(peer, start, recording):
@@ -56,7 +57,8 @@ def test_everything_arrives_once_and_in_order(peer, start, recording):
 
 def test_rate_sets_the_pace(peer, start, recording):
     arrivals = []
-    peer.node.create_subscription(message_class(ODOMETRY), 'odom', lambda message: arrivals.append(time.monotonic()), 1000)
+    peer.node.create_subscription(
+        message_class(ODOMETRY), 'odom', lambda message: arrivals.append(time.monotonic()), 1000)
     peer.listen('echo', SCAN, 1000)
     play(start, recording, '--rate', '0.5')
     peer.spin_until(lambda: len(arrivals) == N_ODOMETRY, 'all odometry')
