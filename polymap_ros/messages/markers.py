@@ -1,0 +1,149 @@
+"""The mapped room as visualization_msgs/msg/MarkerArray, for RViz and Foxglove."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.mapping.estimate import Edge, Estimate
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.messages.outputs import Make, header, pose_message
+
+ADD, DELETE_ALL = 0, 3
+LINE_STRIP, LINE_LIST, TEXT = 4, 5, 9
+
+Color = tuple[float, float, float, float]
+OUTLINE: Color = (1.0, 1.0, 1.0, 1.0)
+LINES: Color = (0.9, 0.3, 0.3, 0.6)
+FREE_AREA: Color = (0.3, 0.7, 1.0, 0.8)
+PATH: Color = (0.3, 0.9, 0.3, 1.0)
+
+Points = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What the markers show, all in `frame_id`.
+
+    Parameters
+    ----------
+    frame_id : str
+        The odometry's frame.
+    estimate : Estimate or None
+        Outline where it is closed; lines of all its edges, certain walls or candidates.
+    free_area : sequence of ndarray, shape (n, 2)
+        Closed rings bounding the free area A_T [m].
+    path : ndarray, shape (n, 2)
+        Positions of the sensor [m].
+    """
+
+    frame_id: str
+    estimate: Estimate | None
+    free_area: Sequence[Points]
+    path: Points
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The lines to draw."""
+        if self.estimate is None:
+            return ()
+        if self.estimate.polygon is not None:
+            return self.estimate.polygon.edges
+        return self.estimate.walls + tuple(edge for other in self.estimate.alternatives for edge in other.edges)
+
+    @property
+    def bounds(self) -> tuple[Points, Points]:
+        """Lowest and highest corner of everything but the lines [m]; the unit square where there is nothing."""
+        parts = [self.path, *self.free_area]
+        if self.estimate is not None and self.estimate.polygon is not None:
+            parts.append(self.estimate.polygon.vertices)
+        points = np.concatenate([part for part in parts if len(part)] or [np.array([[0.0, 0.0], [1.0, 1.0]])])
+        return points.min(axis=0), points.max(axis=0)
+
+
+def drawing_of(mapper: PolygonMapper) -> Drawing:
+    """What a mapper has to show now, moved from its start frame to the odometry's."""
+    start = mapper.start_pose or Pose(0.0, 0.0)
+    path = np.array([[sounding.x, sounding.y] for sounding in mapper.soundings]).reshape(-1, 2)
+    boundary = mapper.free_area.shape.boundary
+    rings = [np.asarray(ring.coords) for ring in getattr(boundary, 'geoms', [boundary]) if not ring.is_empty]
+    return Drawing(mapper.frame_id, mapper.estimate, [start.apply(ring) for ring in rings], start.apply(path))
+
+
+def delete_all_message(make: Make, frame_id: str) -> Any:
+    """A MarkerArray that takes all markers away."""
+    return make('visualization_msgs/msg/MarkerArray', markers=[_marker(make, frame_id, '', 0, action=DELETE_ALL)])
+
+
+def marker_array_message(make: Make, drawing: Drawing) -> Any:
+    """DELETEALL, then outline, lines, free area, sensor path and a text; stamp 0, for late joiners to place them."""
+    low, high = drawing.bounds
+    size = max(float(np.hypot(*(high - low))), 1e-6)
+    polygon = drawing.estimate.polygon if drawing.estimate is not None else None
+    outline = polygon.vertices[np.r_[: len(polygon.vertices), 0]] if polygon is not None else np.empty((0, 2))
+    rings = [_segments(ring) for ring in drawing.free_area]
+    shapes = [
+        ('outline', LINE_STRIP, outline, OUTLINE, 0.008),
+        ('lines', LINE_LIST, _lines(drawing.edges, (low + high) / 2, size), LINES, 0.003),
+        ('free_area', LINE_LIST, np.concatenate(rings) if rings else np.empty((0, 2)), FREE_AREA, 0.003),
+        ('path', LINE_STRIP, drawing.path, PATH, 0.004),
+    ]
+    markers = [_marker(make, drawing.frame_id, '', 0, action=DELETE_ALL)]
+    markers += [
+        _marker(make, drawing.frame_id, name, kind, points=points, color=color, width=share * size)
+        for name, kind, points, color, share in shapes if len(points) > 1
+    ]
+    markers.append(_marker(
+        make, drawing.frame_id, 'text', TEXT, color=OUTLINE, width=0.03 * size, text=summary(drawing.estimate),
+        pose=Pose(float(low[0] + high[0]) / 2, float(high[1]) + 0.05 * size),
+    ))
+    return make('visualization_msgs/msg/MarkerArray', markers=markers)
+
+
+def summary(estimate: Estimate | None) -> str:
+    """One line about the answer, such as ``closed: 5 edges, cost 0.012, IoU with free area 0.953``."""
+    if estimate is None:
+        return 'waiting for echoes'
+    parts = [f'{len(estimate.polygon.edges)} edges'] if estimate.polygon is not None else []
+    parts += [f'{len(estimate.walls)} certain walls'] if estimate.walls else []
+    parts += [f'{len(estimate.alternatives)} polygons fit'] if estimate.alternatives else []
+    parts += [f'cost {estimate.cost:.4g}'] if estimate.cost is not None else []
+    parts += [f'IoU with free area {estimate.iou_free_area:.3f}'] if estimate.iou_free_area is not None else []
+    return ': '.join(filter(None, [estimate.status, ', '.join(parts)]))
+
+
+def _segments(ring: Points) -> Points:
+    return np.stack([ring[:-1], ring[1:]], axis=1).reshape(-1, 2)
+
+
+def _lines(edges: Sequence[Edge], centre: Points, length: float) -> Points:
+    """Pairs of points on each line, to either side of the point nearest `centre`."""
+    ends = []
+    for edge in edges:
+        normal = np.array([np.cos(edge.theta), np.sin(edge.theta)])
+        middle = centre + (edge.r - normal @ centre) * normal
+        along = 0.6 * length * np.array([-normal[1], normal[0]])
+        ends += [middle - along, middle + along]
+    return np.array(ends).reshape(-1, 2)
+
+
+def _marker(
+    make: Make, frame_id: str, namespace: str, kind: int, *, action: int = ADD, points: Points | None = None,
+    color: Color = (0.0, 0.0, 0.0, 0.0), width: float = 0.0, text: str = '', pose: Pose | None = None,
+) -> Any:
+    scale = {'x': 0.0, 'y': 0.0, 'z': width} if kind == TEXT else {'x': width, 'y': 0.0, 'z': 0.0}
+    corners = np.empty((0, 2)) if points is None else points
+    return make(
+        'visualization_msgs/msg/Marker', header=header(make, 0, frame_id), ns=namespace, id=0, type=kind, action=action,
+        pose=pose_message(make, pose or Pose(0.0, 0.0)), scale=make('geometry_msgs/msg/Vector3', **scale),
+        color=make('std_msgs/msg/ColorRGBA', **dict(zip('rgba', color, strict=True))),
+        lifetime=make('builtin_interfaces/msg/Duration', sec=0, nanosec=0), frame_locked=False,
+        points=[make('geometry_msgs/msg/Point', x=float(x), y=float(y), z=0.0) for x, y in corners], colors=[],
+        texture_resource='', uv_coordinates=[], text=text, mesh_resource='', mesh_use_embedded_materials=False,
+        texture=make('sensor_msgs/msg/CompressedImage', header=header(make, 0, ''), format='',
+                     data=np.empty(0, np.uint8)),
+        mesh_file=make('visualization_msgs/msg/MeshFile', filename='', data=np.empty(0, np.uint8)),
+    )
