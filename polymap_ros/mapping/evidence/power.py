@@ -1,0 +1,254 @@
+r"""Evidence without phase: the power of a ping's echoes, cell of range by cell.
+
+Echoes m of a polygon, the images of `acoustics.image_sources`, arrive at half path lengths d_m with amplitudes
+a_m = d_m^-p prod(rho). Taken with random phases, they give in a cell at range r the mean power
+
+    T(r) = 1 + B(r) + A g_i sum_m a_m^2 \|psi(r - d_m)\|^2
+
+in units of the noise, with A one unknown strength, g_i the ping's gain and B a background common to all pings that
+stands for what is not explained (orders left out, clutter). A cell's power E is exponential with that mean, so the log
+likelihood ratio against noise is
+
+    F = w sum_cells  E (1 - 1 / T) - ln T ,
+
+w being the independent cells per cell. The second term charges echoes that are predicted and absent. A path and its
+reverse are equally long and add in phase: their power counts twice each. F is smooth over a pulse's width in every
+wall's (r, theta), which makes it the objective of the search; its maximum is refined by the waveform's likelihood.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.jit import kernel
+from polymap_ros.mapping.evidence.data import EchoData
+from polymap_ros.mapping.evidence.paths import CAPACITY, corners_of, path_derivatives, trace_paths
+
+_BACKGROUND_WIDTHS = 11.0
+"""The background is a mean over all pings and this many pulse widths: far wider than an echo, narrower than the decay
+of the echoes with range."""
+
+_LOSS_DEVIATION = 0.7
+"""Prior standard deviation of ln rho^2 about 0: covers reflection coefficients from 0.5 to 1 within two."""
+
+
+@dataclass
+class Model:
+    """Walls and nuisances: lines (n, 2) sorted by theta, ln rho^2 (n,), strength A, background B (n_cells,)."""
+
+    lines: NDArray[np.float64]
+    loss: NDArray[np.float64]
+    strength: float
+    background: NDArray[np.float64]
+
+    def with_lines(self, lines: NDArray[np.float64], loss: NDArray[np.float64] | None = None) -> 'Model':
+        """The same nuisances with other walls, which are sorted; new walls reflect fully."""
+        order = np.argsort(lines[:, 1], kind='stable')
+        loss = np.zeros(len(lines)) if loss is None else loss
+        return Model(np.ascontiguousarray(lines[order]), loss[order], self.strength, self.background)
+
+    def without(self, wall: int) -> 'Model':
+        """The model without one wall."""
+        return Model(np.delete(self.lines, wall, 0), np.delete(self.loss, wall), self.strength, self.background)
+
+
+class PowerLikelihood:
+    """F of this module for the pings of `data`.
+
+    Attributes
+    ----------
+    explained : ndarray, shape (N, n_cells)
+        Predicted power at strength 1 of the model evaluated last.
+    """
+
+    def __init__(self, data: EchoData) -> None:
+        self.data = data
+        self.explained = np.zeros_like(data.power)
+        self._sums = np.zeros(2)
+
+    def initial(self, strength: float) -> Model:
+        """A model without walls, whose background holds all the mean power."""
+        return Model(np.empty((0, 2)), np.empty(0), strength, self._smooth(np.mean(self.data.power - 1.0, axis=0)))
+
+    def __call__(self, model: Model, order: int) -> float:
+        """F of a model; -inf where its walls bound no polygon."""
+        closed, corners = corners_of(model.lines)
+        if not closed:
+            return -np.inf
+        return self._evaluate(model, corners, order, False, np.empty((0, 0)), np.empty((0, 0)))
+
+    def expected(self, model: Model) -> NDArray[np.float64]:
+        """T of the model evaluated last, shape (N, n_cells)."""
+        return 1.0 + model.background + model.strength * self.explained
+
+    def fit_nuisances(self, model: Model, order: int, rounds: int = 2) -> float:
+        """Fit strength and background to the walls, in place; returns F, or -inf where no polygon is bounded."""
+        if self(model, order) == -np.inf:
+            return -np.inf
+        first = self.data.first_cell
+        power, explained = self.data.power[:, first:], self.explained[:, first:]
+        for _ in range(rounds):
+            for _ in range(3):  # Newton's method, Fisher information as the curvature
+                expected = 1.0 + model.background[first:] + model.strength * explained
+                share = explained / expected
+                gradient = float(np.sum(share * (power / expected - 1.0)))
+                model.strength = max(model.strength + gradient / max(float(np.sum(share**2)), 1e-300),
+                                     0.3 * model.strength)
+            model.background = self._smooth(
+                np.mean(self.data.power - 1.0 - model.strength * self.explained, axis=0))
+        expected = self.expected(model)[:, first:]
+        return float(self.data.weight * np.sum(power * (1.0 - 1.0 / expected) - np.log(expected)))
+
+    def refine(self, model: Model, order: int, iterations: int = 5) -> tuple[Model, float]:
+        """Climb to the nearest maximum of F over lines and losses (Levenberg-Marquardt on Fisher's information)."""
+        score = self.fit_nuisances(model, order)
+        damping = 1e-2
+        limit = np.array([self.data.pulse.width_m, 2.0 * self.data.pulse.width_m / self.data.extent_m, 0.5])
+        state = self.derivatives(model, order)
+        for _ in range(iterations):
+            if state is None:
+                break
+            value, scores, information = state
+            gradient = scores.sum(axis=0)
+            gradient[2::3] -= model.loss / _LOSS_DEVIATION**2
+            step = np.linalg.solve(information + damping * np.diag(np.diag(information)), gradient)
+            step = np.clip(step.reshape(-1, 3), -limit, limit)
+            trial = model.with_lines(model.lines + step[:, :2], np.minimum(model.loss + step[:, 2], 0.0))
+            after = self.derivatives(trial, order)
+            if after is not None and after[0] > value:
+                model, state, damping = trial, after, max(damping / 4.0, 1e-4)
+                if after[0] - value < 0.1:
+                    break
+            else:
+                damping *= 8.0
+                if damping > 1e3:
+                    break
+        return model, max(score, self.fit_nuisances(model, order))
+
+    def derivatives(
+        self, model: Model, order: int
+    ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]] | None:
+        """F with the prior of the losses, each ping's gradient (N, 3 n) of F, and the Fisher information (3 n, 3 n).
+
+        The parameters are r, theta and ln rho^2 of each wall; None where the walls bound no polygon.
+        """
+        closed, corners = corners_of(model.lines)
+        if not closed:
+            return None
+        size = 3 * len(model.lines)
+        scores, information = np.zeros((len(self.data.positions), size)), np.zeros((size, size))
+        value = self._evaluate(model, corners, order, True, scores, information)
+        information[range(2, size, 3), range(2, size, 3)] += 1.0 / _LOSS_DEVIATION**2
+        # A wall that is heard nowhere has no information: let it rest.
+        quiet = np.diag(information) <= 0.0
+        information[quiet, quiet] = 1.0
+        value -= 0.5 * float(np.sum(model.loss**2)) / _LOSS_DEVIATION**2
+        return value, scores, information
+
+    def _evaluate(self, model: Model, corners: NDArray[np.float64], order: int, derive: bool,
+                  scores: NDArray[np.float64], information: NDArray[np.float64]) -> float:
+        data = self.data
+        return float(_power_likelihood(
+            model.lines, corners, data.positions, order, data.range_max_m, data.cell_m, data.pulse.power,
+            data.pulse.step_m, 2.0 * data.spreading, np.exp(model.loss), data.power, data.gain, model.strength,
+            model.background, data.first_cell, data.weight, derive, self.explained, scores, information))
+
+    def _smooth(self, mean: NDArray[np.float64]) -> NDArray[np.float64]:
+        half = max(1, round(_BACKGROUND_WIDTHS * self.data.pulse.width_m / self.data.cell_m / 2.0))
+        total = np.concatenate(([0.0], np.cumsum(np.maximum(mean, 0.0))))
+        low = np.maximum(np.arange(len(mean)) - half, 0)
+        high = np.minimum(np.arange(len(mean)) + half + 1, len(mean))
+        smooth: NDArray[np.float64] = (total[high] - total[low]) / (high - low)
+        return smooth
+
+
+@kernel
+def _power_likelihood(
+    lines: NDArray[np.float64],
+    corners: NDArray[np.float64],
+    positions: NDArray[np.float64],
+    order: int,
+    range_max: float,
+    cell: float,
+    shape: NDArray[np.float64],
+    shape_step: float,
+    decay: float,
+    reflected: NDArray[np.float64],
+    power: NDArray[np.float64],
+    gain: NDArray[np.float64],
+    strength: float,
+    background: NDArray[np.float64],
+    first: int,
+    weight: float,
+    derive: bool,
+    explained: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    information: NDArray[np.float64],
+) -> float:
+    n_pings, n_cells = power.shape
+    found, walls = np.empty((CAPACITY, 2)), np.empty((CAPACITY, order), np.int64)
+    half, hits = np.empty(CAPACITY), np.empty(CAPACITY, np.int64)
+    a = np.empty(CAPACITY)
+    slopes = np.empty((order, 2))
+    index, factor = np.empty(3 * order, np.int64), np.empty(3 * order)
+    reach = (len(shape) - 1) * shape_step
+    total = 0.0
+    for i in range(n_pings):
+        count = trace_paths(corners, positions[i, 0], positions[i, 1], order, range_max, found, walls, half, hits)
+        row = explained[i]
+        row[:] = 0.0
+        for m in range(count):
+            a[m] = gain[i] * half[m] ** -decay
+            for level in range(hits[m]):
+                a[m] *= reflected[walls[m, level]]
+        for m in range(count):  # a path and its reverse add in phase
+            if hits[m] > 1:
+                for q in range(m):
+                    if hits[q] == hits[m] and abs(half[q] - half[m]) < 1e-7 * range_max:
+                        a[q] *= 2.0
+                        a[m] *= 2.0
+                        break
+        for m in range(count):
+            low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
+            for j in range(max(low, 0), min(high, n_cells - 1) + 1):
+                x = abs(j * cell - half[m]) / shape_step
+                k = int(x)
+                if k < len(shape) - 1:
+                    row[j] += a[m] * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
+        for j in range(first, n_cells):
+            t = 1.0 + background[j] + strength * row[j]
+            total += weight * (power[i, j] * (1.0 - 1.0 / t) - np.log(t))
+        if not derive:
+            continue
+        for m in range(count):
+            low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
+            slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
+            for j in range(max(low, first), min(high, n_cells - 1) + 1):
+                x = (j * cell - half[m]) / shape_step
+                k = int(abs(x))
+                if k < len(shape) - 1:
+                    t = 1.0 + background[j] + strength * row[j]
+                    difference = weight * (power[i, j] / t - 1.0) / t
+                    by_range = strength * a[m] * (shape[k] - shape[k + 1]) / shape_step
+                    if x < 0.0:
+                        by_range = -by_range
+                    by_loss = strength * a[m] * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
+                    slope += difference * by_range
+                    bend += weight * (by_range / t) ** 2
+                    rise += difference * by_loss
+                    spread += weight * (by_loss / t) ** 2
+            path_derivatives(lines, positions[i, 0], positions[i, 1], walls[m], hits[m], slopes)
+            for level in range(hits[m]):
+                wall = 3 * walls[m, level]
+                scores[i, wall + 2] += rise
+                for other in range(hits[m]):
+                    information[wall + 2, 3 * walls[m, other] + 2] += spread
+                for axis in range(2):
+                    index[2 * level + axis] = wall + axis
+                    factor[2 * level + axis] = slopes[level, axis]
+            for u in range(2 * hits[m]):
+                scores[i, index[u]] += slope * factor[u]
+                for v in range(2 * hits[m]):
+                    information[index[u], index[v]] += bend * factor[u] * factor[v]
+    return total

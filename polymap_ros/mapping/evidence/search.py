@@ -1,0 +1,265 @@
+"""The search: from candidate lines to the polygon, by the power likelihood first and the waveform's last."""
+
+from collections.abc import Generator, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.jit import kernel
+from polymap_ros.mapping.evidence.data import EchoData
+from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
+from polymap_ros.mapping.evidence.proposals import (
+    annealed_subset,
+    edge_evidence,
+    first_strength,
+    foot_evidence,
+    strongest_lines,
+)
+from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
+from polymap_ros.mapping.lines import edges_of
+
+PRICE = 17.0
+"""Nats that one more edge has to bring: its Occam factor, the prior range over the posterior width in r and theta,
+ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi); a false-alarm rate of 1e-3 over the cells of the map gives 18."""
+
+POOL = 100
+_RESIDUAL_LINES = 30
+_ANNEALING = 20_000
+_SEARCH_ORDER = 3
+"""Orders 1 and 2 hold a third of the truth's log likelihood in a lossless plate; 3 is what the search can afford."""
+
+FULL_ORDER = 5
+_ROUNDS = 20
+
+Steps = Generator[None, None, Model]
+
+
+class Found(NamedTuple):
+    """A polygon with both its descriptions; `explained` is the share of the echoes' power that the waveform explains."""
+
+    model: Model
+    wave: Wave
+    explained: float
+    value: float
+
+
+class Search:
+    """One search over the pings of `data`; its methods are generators that yield often, so that it can be sliced."""
+
+    def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator) -> None:
+        self.data = data
+        self.power = PowerLikelihood(data)
+        self.wave = WaveformLikelihood(data)
+        self._max_edges = max_edges
+        self._generator = generator
+        self._start = self.power.initial(0.0)
+        self._expected = 1.0 + self._start.background[None, :]
+        self.pool = np.empty((0, 2))
+
+    def starts(self) -> Iterator[Model | None]:
+        """Closed polygons to start from, each found by annealing at another assumed strength; None: none closes."""
+        strength = first_strength(self.data, self._expected)
+        for factor in (1.0, 2.0, 4.0, 0.5):
+            yield self.start(factor * strength)
+
+    def start(self, strength: float) -> Model | None:
+        """Anneal over subsets of the strongest lines; None where all lines together bound no polygon."""
+        candidates = strongest_lines(self.data, self._expected, strength, POOL)
+        self.pool = candidates.lines
+        evidence = foot_evidence(self.data, self._expected, strength)
+        subset = annealed_subset(
+            self.data, candidates, evidence, PRICE, self._max_edges, _ANNEALING, self._generator)
+        for line in (None, *candidates.lines):
+            subset = subset if line is None else np.vstack((subset, line))
+            lines = active(subset)
+            if len(lines):
+                self._start.strength = strength
+                return self._start.with_lines(lines)
+        return None
+
+    def polygon(self, start: Model) -> Generator[None, None, Found | None]:
+        """Improve a start by single changes: power of two orders, then of three, then the waveform of five."""
+        model = yield from self.improve(start, 2, residual=False)
+        model = yield from self.improve(model, _SEARCH_ORDER, residual=True)
+        return (yield from self.settle(model))
+
+    def improve(self, model: Model, order: int, residual: bool) -> Steps:
+        """Add, drop and exchange edges while the power likelihood less its price grows."""
+        model, score = self.power.refine(model, order, 6)
+        score -= PRICE * len(model.lines)
+        for _ in range(_ROUNDS):
+            yield
+            trials = self._changes(model, order, residual)
+            best = None
+            for trial, quick in trials[:4]:
+                yield
+                refined, value = self.power.refine(trial, order, 4)
+                value -= PRICE * len(refined.lines)
+                if value > score + 1.0 and (best is None or value > best[1]):
+                    best = refined, value
+                    if quick > score + 20.0:
+                        break
+            if best is None:
+                break
+            model, score = best
+        return model
+
+    def _changes(self, model: Model, order: int, residual: bool) -> list[tuple[Model, float]]:
+        """Single changes of a model with their unrefined scores, best first."""
+        self.power.fit_nuisances(model, order)
+        expected = self.power.expected(model)
+        pool = self.pool
+        if residual:
+            left = strongest_lines(self.data, expected, model.strength, _RESIDUAL_LINES)
+            pool = np.vstack((left.lines, pool))
+        trials = [self._with_line(model, line) for line in self._promising(model, expected, pool, 6)]
+        for wall in range(len(model.lines)):
+            fewer = model.without(wall)
+            if np.isfinite(self.power(fewer, order)):
+                trials.append(fewer)
+                trials += [self._with_line(fewer, line)
+                           for line in self._promising(fewer, self.power.expected(fewer), pool, 2)]
+            else:  # nothing closes without it: exchange it for lines that face the same way
+                turn = np.abs(np.angle(np.exp(1j * (pool[:, 1] - model.lines[wall, 1]))))
+                trials += [self._with_line(fewer, line) for line in pool[turn < 1.0][:12]]
+        scored = [(trial, self.power(trial, order) - PRICE * len(trial.lines))
+                  for trial in trials if trial is not None and len(trial.lines) <= self._max_edges]
+        return sorted((entry for entry in scored if np.isfinite(entry[1])), key=lambda entry: -entry[1])
+
+    def _promising(
+        self, model: Model, expected: NDArray[np.float64], pool: NDArray[np.float64], most: int
+    ) -> NDArray[np.float64]:
+        """Lines of the pool with the most unexplained first-order evidence where they cut the polygon."""
+        _, corners = corners_of(model.lines)
+        evidence = foot_evidence(self.data, expected, model.strength)
+        gains = _chord_evidence(pool, corners, self.data.positions, evidence, self.data.cell_m)
+        best = np.argsort(-gains, kind='stable')[:most]
+        return pool[best[gains[best] > 0.0]]
+
+    def _with_line(self, model: Model, line: NDArray[np.float64]) -> Model | None:
+        lines = active(np.vstack((model.lines, line)))
+        if len(lines) == 0:
+            return None
+        kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
+        return model.with_lines(lines, np.array([kept.get(tuple(entry), 0.0) for entry in lines.tolist()]))
+
+    def settle(self, model: Model) -> Generator[None, None, Found | None]:
+        """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it."""
+        wave = self._aligned(model)
+        for _ in range(_ROUNDS):
+            yield
+            if wave is None:
+                return None
+            changed = yield from self._dropped(wave)
+            if changed is None:
+                changed = yield from self._added(model, wave)
+            if changed is None:
+                break
+            wave = changed
+        assert wave is not None
+        residual = self.wave.residual_power(wave, FULL_ORDER)[:, self.data.first_cell:]
+        excess = float(np.sum(self.data.power[:, self.data.first_cell:] - 1.0))
+        explained = 1.0 - float(np.sum(residual - 1.0)) / max(excess, 1e-300)
+        return Found(model, wave, explained, wave.value - PRICE * len(wave.lines))
+
+    def _aligned(self, model: Model) -> Wave | None:
+        """The waveform's maximum near a power model: full orders of power first, then phase from order 1 up."""
+        model, _ = self.power.refine(model, FULL_ORDER, 6)
+        reflection, phase = self.wave.signs(model.lines, model.loss)
+        wave = None
+        lines = model.lines
+        for order in (1, 3, FULL_ORDER):
+            wave = self.wave.refine(lines, reflection, phase, order)
+            if wave is None:
+                return None
+            lines, reflection, phase = wave.lines, wave.reflection, wave.phase
+        return wave
+
+    def _dropped(self, wave: Wave) -> Generator[None, None, Wave | None]:
+        """The best waveform with one edge fewer, if it is worth more."""
+        best = None
+        for wall in range(len(wave.lines)):
+            fewer = without_wall(self.wave, wave, wall)
+            if fewer is None or fewer.value + PRICE < wave.value - 400.0:
+                continue
+            yield
+            fewer = self.wave.refine(fewer.lines, fewer.reflection, fewer.phase, FULL_ORDER)
+            if fewer is not None and (best is None or fewer.value > best.value):
+                best = fewer
+        return best if best is not None and best.value + PRICE > wave.value else None
+
+    def _added(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
+        """The best waveform with one edge more, proposed by what the waveform leaves unexplained."""
+        if len(wave.lines) >= self._max_edges:
+            return None
+        residual = self.wave.residual_power(wave, FULL_ORDER)
+        left = EchoData(self.data.positions, self.data.signal, residual, self.data.gain, self.data.first_cell,
+                        self.data.range_max_m, self.data.cell_m, self.data.pulse, self.data.spreading)
+        base = self.power.initial(model.strength).with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection)))
+        base.background = np.zeros(residual.shape[1])
+        expected = np.maximum(np.mean(residual, axis=0, keepdims=True), 1.0)
+        found = strongest_lines(left, expected, model.strength, _RESIDUAL_LINES)
+        _, corners = corners_of(wave.lines)
+        gains = _chord_evidence(found.lines, corners, left.positions,
+                                foot_evidence(left, expected, model.strength), left.cell_m)
+        for pick in np.argsort(-gains, kind='stable')[:3]:
+            if gains[pick] < PRICE:
+                break
+            yield
+            trial = self._with_line(base, found.lines[pick])
+            if trial is None:
+                continue
+            trial.background = model.background.copy()
+            trial, _ = self.power.refine(trial, 2, 4)
+            trial, _ = self.power.refine(trial, _SEARCH_ORDER, 4)
+            more = self._aligned(trial)
+            if more is not None and more.value - PRICE * (len(more.lines) - len(wave.lines)) > wave.value:
+                return more
+        return None
+
+
+def active(lines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The lines that make an edge of their polygon, sorted by theta; none where they bound none."""
+    _, _, which = edges_of(np.ascontiguousarray(lines))
+    chosen = lines[which]
+    return chosen[np.argsort(chosen[:, 1], kind='stable')]
+
+
+def without_wall(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> Wave | None:
+    """The waveform with one wall left out, not refined; None where the others bound no polygon."""
+    lines, reflection = np.delete(wave.lines, wall, 0), np.delete(wave.reflection, wall)
+    return likelihood.evaluate(np.ascontiguousarray(lines), reflection, wave.phase, FULL_ORDER)
+
+
+@kernel
+def _chord_evidence(
+    pool: NDArray[np.float64], corners: NDArray[np.float64], positions: NDArray[np.float64],
+    evidence: NDArray[np.float64], cell: float,
+) -> NDArray[np.float64]:
+    """First-order evidence of each line on the chord that it cuts from a polygon; -1e9 where it cuts none."""
+    gains = np.full(len(pool), -1e9)
+    ends = np.empty((2, 2))
+    for q in range(len(pool)):
+        c, s = np.cos(pool[q, 1]), np.sin(pool[q, 1])
+        crossings = 0
+        for i in range(len(corners)):
+            j = (i + 1) % len(corners)
+            here = corners[i, 0] * c + corners[i, 1] * s - pool[q, 0]
+            there = corners[j, 0] * c + corners[j, 1] * s - pool[q, 0]
+            if (here <= 0.0) != (there <= 0.0):
+                # Inside to outside is where the chord starts, counter-clockwise.
+                t = here / (here - there)
+                end = 0 if here <= 0.0 else 1
+                ends[end, 0] = corners[i, 0] + t * (corners[j, 0] - corners[i, 0])
+                ends[end, 1] = corners[i, 1] + t * (corners[j, 1] - corners[i, 1])
+                crossings += 1
+        if crossings != 2:
+            continue
+        behind = False
+        for i in range(len(positions)):
+            behind = behind or positions[i, 0] * c + positions[i, 1] * s >= pool[q, 0]
+        if not behind:
+            gains[q] = edge_evidence(pool[q], ends[0], ends[1], positions, evidence, cell)
+    return gains
