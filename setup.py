@@ -1,12 +1,16 @@
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 NAME = 'polymap_ros'
+ROS_WHEELS = 'platform_machine == "x86_64" and sys_platform == "linux"'
 
 setup(
     name=NAME,
     version='0.1.0',
     description='Maps the polygon around a robot from raw ultrasonic echoes and odometry (ROS 2)',
-    long_description='See README.md',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
     author='The polymap_ros maintainers',
     python_requires='>=3.11',
@@ -15,6 +19,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', sorted(map(str, Path(NAME, 'config').glob('*')))),
     ],
     zip_safe=False,
     install_requires=[
@@ -28,7 +33,8 @@ setup(
         'rosbags>=0.10,<0.12',
     ],
     extras_require={
-        'ros': [
+        # What apt brings on a Jazzy machine. Wheels exist for Linux on x86_64 only.
+        'ros': [f'{package}; {ROS_WHEELS}' for package in (
             'ros-rclpy[fastrtps]==7.1.6',
             'ros-nav-msgs==5.3.6',
             'ros-sensor-msgs==5.3.6',
@@ -36,18 +42,15 @@ setup(
             'ros-visualization-msgs==5.3.6',
             'ros-diagnostic-msgs==5.3.6',
             'ros-std-srvs==5.3.6',
-        ],
+        )],
         'plot': ['matplotlib>=3.6'],
         'test': ['pytest>=7.4', 'matplotlib>=3.6', 'pyroomacoustics>=0.7', 'hypothesis>=6.90'],
-        'lint': ['ruff', 'mypy', 'types-PyYAML', 'types-tqdm'],
+        'lint': ['ruff>=0.17,<0.18', 'mypy>=2.4,<2.5', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={
         'console_scripts': [
-            'polymap_node = polymap_ros.commands.node:main',
-            'polymap_replay = polymap_ros.commands.replay:main',
-            'polymap_play = polymap_ros.commands.play:main',
-            'polymap_simulate = polymap_ros.commands.simulate:main',
-            'polymap_evaluate = polymap_ros.commands.evaluate:main',
+            f'polymap_{name} = {NAME}.commands.{name}:main'
+            for name in ('node', 'replay', 'play', 'simulate', 'evaluate')
         ],
     },
 )

@@ -1,0 +1,84 @@
+"""What makes the folder a ROS package and a Python package, and that both say the same."""
+
+import ast
+import importlib
+import importlib.metadata
+import re
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+import yaml
+
+import polymap_ros
+
+TOP = Path(__file__).parents[1]
+MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
+DISTRIBUTION = importlib.metadata.distribution('polymap_ros')
+
+COMMANDS = ('polymap_node', 'polymap_replay', 'polymap_play', 'polymap_simulate', 'polymap_evaluate')
+FROM_PIP = {'mcap', 'rosbags'}
+"""Imported where a recording is read; no system package brings them."""
+
+BROUGHT_BY = {'PIL': 'python3-matplotlib', 'yaml': 'python3-yaml'}
+
+
+def imported():
+    """Every package that polymap_ros imports, and every message package it names."""
+    names = set()
+    for path in (TOP / 'polymap_ros').rglob('*.py'):
+        source = path.read_text(encoding='utf-8')
+        names.update(re.findall(r"['\"](\w+)/(?:msg|srv)/\w+['\"]", source))
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Import):
+                names.update(alias.name.partition('.')[0] for alias in node.names)
+            elif isinstance(node, ast.ImportFrom):
+                names.add((node.module or '').partition('.')[0])
+    return names - set(sys.stdlib_module_names) - {'polymap_ros'}
+
+
+def test_one_version():
+    version = MANIFEST.findtext('version')
+    assert polymap_ros.__version__ == version == DISTRIBUTION.version
+    assert str(yaml.safe_load((TOP / 'CITATION.cff').read_text())['version']) == version
+    assert re.search(rf'^{re.escape(version)} \(.+\)\n-+$', (TOP / 'CHANGELOG.rst').read_text(), re.MULTILINE)
+
+
+def test_manifest_declares_what_is_imported_and_no_more():
+    ros = {name for name in imported() if name.endswith(('_msgs', '_srvs', '_interfaces')) or name == 'rclpy'}
+    keys = {BROUGHT_BY.get(name, f'python3-{name}') for name in imported() - ros - FROM_PIP - {'ament_index_python'}}
+    declared = {entry.text for entry in MANIFEST.findall('exec_depend')}
+    assert ros | keys <= declared
+    # std_msgs' Header and builtin_interfaces' Time come within the other messages.
+    assert declared - ros - keys <= {'builtin_interfaces', 'std_msgs'}
+
+
+def test_manifest_is_a_valid_ament_python_package():
+    assert MANIFEST.get('format') == '3'
+    assert MANIFEST.findtext('name') == 'polymap_ros'
+    assert MANIFEST.findtext('export/build_type') == 'ament_python'
+    assert re.fullmatch(r'[^@\s]+@[^@\s]+\.[a-z]{2,}', MANIFEST.find('maintainer').get('email'))
+    licence = MANIFEST.find('license')
+    assert licence.text in (TOP / 'CITATION.cff').read_text()
+    assert 'Apache License' in (TOP / licence.get('file')).read_text()
+
+
+def test_ament_finds_the_package_and_its_executables():
+    assert (TOP / 'resource' / 'polymap_ros').is_file()
+    setup_cfg = (TOP / 'setup.cfg').read_text()
+    assert setup_cfg.count('$base/lib/polymap_ros') == 2
+
+
+@pytest.mark.parametrize('command', COMMANDS)
+def test_every_command_is_installed_and_has_its_own_module(command):
+    [entry] = [entry for entry in DISTRIBUTION.entry_points if entry.name == command]
+    assert entry.value == f'polymap_ros.commands.{command.removeprefix("polymap_")}:main'
+    assert callable(entry.load())
+    assert {entry.name for entry in DISTRIBUTION.entry_points} == set(COMMANDS)
+
+
+def test_types_and_configuration_are_installed():
+    package = importlib.resources.files('polymap_ros')
+    assert (package / 'py.typed').is_file()
+    assert (package / 'config' / 'polymap.yaml').is_file()
