@@ -18,4 +18,16 @@ def kernel(function: F) -> F:
     if numba is None:
         return function
     compiled: F = numba.njit(nogil=True, cache=True)(function)
+    _stamp_with_callees(compiled, function)
     return compiled
+
+
+def _stamp_with_callees(compiled: Any, function: Callable[..., Any]) -> None:
+    """Let a cached kernel expire when a kernel that it calls has changed, too.
+
+    numba looks at the caller's own file only, although what is called from other files is compiled into it.
+    """
+    callees = (function.__globals__.get(name) for name in function.__code__.co_names)
+    files = [getattr(getattr(each, '_cache', None), '_cache_file', None) for each in (compiled, *callees)]
+    if hasattr(own := files[0], '_source_stamp'):
+        own._source_stamp = tuple(file._source_stamp for file in files if file is not None)  # type: ignore[union-attr]

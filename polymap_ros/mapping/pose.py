@@ -17,7 +17,8 @@ class Pose:
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (..., 2) given in this pose's frame into the frame it is expressed in."""
         c, s = np.cos(self.yaw), np.sin(self.yaw)
-        return np.asarray(points, dtype=float) @ np.array([[c, s], [-s, c]]) + (self.x, self.y)
+        turned: NDArray[np.float64] = np.asarray(points, dtype=float) @ np.array([[c, s], [-s, c]])
+        return turned + (self.x, self.y)
 
     def compose(self, other: 'Pose') -> 'Pose':
         """Express `other`, given in this pose's frame, in the frame this pose is expressed in."""

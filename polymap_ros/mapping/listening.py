@@ -1,0 +1,114 @@
+"""What a ping tells at its own place: eq. (3), its envelope and the closest range, or why it cannot be used."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter
+from polymap_ros.acoustics.medium import group_speed, make_medium
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.acoustics.pulse import Pulse, make_pulse
+from polymap_ros.acoustics.ranging import closest_range
+from polymap_ros.errors import BadPing
+from polymap_ros.parameters import Parameters
+
+MAX_SAMPLES = 1 << 20
+"""A longer ping is refused: more would be spent on one than on a whole recording."""
+
+MAX_CELLS = 1 << 22
+"""So is one that lasts for more steps of the range axis than this, which would take as much memory."""
+
+_FILTERS = 8
+"""Filters kept: pings of so many different lengths, periods and starts may alternate."""
+
+
+class Heard(NamedTuple):
+    """Eq. (3) on the range axis, its magnitude, and the closest range [m]; see `Sounding`."""
+
+    echo: NDArray[np.complex64]
+    envelope: NDArray[np.float32]
+    rho: float
+
+
+class Listener:
+    """Applies eq. (3) to pings of any length, period and start.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Groups `medium`, `pulse` and `echo`.
+    ranges_m : ndarray, shape (n_ranges,)
+        Range axis from 0 [m].
+    recorded_pulse : ndarray, shape (n,), optional
+        Samples of ``pulse.kind: file``.
+    """
+
+    def __init__(
+        self, parameters: Parameters, ranges_m: NDArray[np.float64], recorded_pulse: NDArray[np.float64] | None = None
+    ) -> None:
+        self._parameters = parameters
+        self._ranges_m = ranges_m
+        self._step_m = float(ranges_m[1] - ranges_m[0])
+        self._recorded = recorded_pulse
+        self._medium = make_medium(parameters.medium)
+        self._speed_m_s = float(group_speed(self._medium, parameters.pulse.frequency_hz))
+        self._filters: dict[tuple[int, float, float], EchoFilter] = {}
+
+    def check(self, ping: Ping) -> None:
+        """Raise `BadPing` with the reason if a ping cannot be used wherever it was taken.
+
+        ``bad_shape``: no row of samples with a period and a start in time, or a period too coarse for the pulse;
+        ``bad_samples``: samples that are not finite, or all zero; ``too_long``: beyond `MAX_SAMPLES` or `MAX_CELLS`;
+        ``too_short``: over before an echo from beyond the blanking would be.
+        """
+        samples, period_s, t0_s = ping.samples, ping.period_s, ping.t0_s
+        if samples.ndim != 1 or samples.dtype.kind != 'f':
+            raise BadPing('bad_shape', f'samples of shape {samples.shape} and type {samples.dtype}; '
+                                       'allowed: one dimension of floating point numbers')
+        if not (np.isfinite(period_s) and period_s > 0.0 and np.isfinite(t0_s)):
+            raise BadPing('bad_shape', f'sample period {period_s:g} s from {t0_s:g} s; allowed: finite, period above 0')
+        frequency_hz = self._parameters.pulse.frequency_hz
+        if self._parameters.echo.kind == 'rf' and not period_s * frequency_hz < 0.5:
+            raise BadPing('bad_shape', f'a sample period of {period_s:g} s cannot hold a pulse of {frequency_hz:g} Hz')
+        reach_m = 0.5 * self._speed_m_s * (abs(t0_s) + samples.size * period_s)
+        if samples.size > MAX_SAMPLES or reach_m > MAX_CELLS * self._step_m:
+            raise BadPing('too_long', f'{samples.size} samples of {period_s:g} s, {reach_m:.3g} m of range; allowed: '
+                                      f'{MAX_SAMPLES} samples, {MAX_CELLS * self._step_m:.3g} m')
+        needed_s = 2.0 * self._blanking_m(ping) / self._speed_m_s + self._pulse(period_s).duration_s
+        end_s = t0_s + samples.size * period_s
+        if end_s < needed_s:
+            raise BadPing('too_short', f'{samples.size} samples end {end_s:g} s after emission; an echo from beyond '
+                                       f'the blanking is over after {needed_s:g} s')
+        if not np.all(np.isfinite(samples)):
+            raise BadPing('bad_samples', f'{np.sum(~np.isfinite(samples))} of {samples.size} samples are not finite')
+        if not np.any(samples):
+            raise BadPing('bad_samples', f'all {samples.size} samples are zero')
+
+    def hear(self, ping: Ping) -> Heard:
+        """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range."""
+        echo = self._filter(ping)(ping.samples)
+        blanking_m, last_m = self._blanking_m(ping), ping.range_max_m or np.inf
+        useful = self._ranges_m <= last_m * (1.0 + 1e-9)
+        echo[~useful] = 0.0
+        rho = closest_range(np.abs(echo[useful]), self._step_m, blanking_m)
+        echo[self._ranges_m < blanking_m * (1.0 - 1e-9)] = 0.0
+        return Heard(echo, np.abs(echo), rho)
+
+    def _blanking_m(self, ping: Ping) -> float:
+        return max(self._parameters.echo.blanking_m, ping.range_min_m)
+
+    def _pulse(self, period_s: float) -> Pulse:
+        return make_pulse(self._parameters.pulse, self._recorded, period_s)
+
+    def _filter(self, ping: Ping) -> EchoFilter:
+        # Seven digits: what float32 fields hold, so that their rounding does not make a new filter of every ping.
+        key = ping.samples.size, float(f'{ping.period_s:.6e}'), round(ping.t0_s, 10)
+        if key not in self._filters:
+            if len(self._filters) == _FILTERS:
+                del self._filters[next(iter(self._filters))]
+            pulse = self._pulse(key[1])
+            self._filters[key] = (
+                MatchedFilter(self._medium, pulse, self._ranges_m, *key) if self._parameters.echo.kind == 'rf'
+                else EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._ranges_m, *key))
+        return self._filters[key]

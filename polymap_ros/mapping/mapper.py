@@ -1,0 +1,188 @@
+"""From echoes and odometry to the polygon: the one way through."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.errors import BadPing, StateError
+from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.mapping.estimate import Estimate
+from polymap_ros.mapping.free_area import FreeArea
+from polymap_ros.mapping.listening import Listener
+from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.pose_track import PoseTrack
+from polymap_ros.mapping.solver import Evidence
+from polymap_ros.mapping.solvers import make_solver
+from polymap_ros.mapping.sounding import Sounding
+from polymap_ros.mapping.soundings import packed_soundings, unpacked_soundings
+from polymap_ros.mapping.state import packed, packed_frame, unpacked, unpacked_frame
+from polymap_ros.parameters import Parameters
+
+_SLICE = 100
+"""Iterations between two looks whether a solve is done."""
+
+
+class PolygonMapper:
+    """Takes poses and pings as they come and answers with the polygon around the sensor.
+
+    Lines, map and free area are kept in the start frame: its origin is the sensor's position at the first used ping,
+    its x axis the robot's heading there. Estimates are in the odometry's frame.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Everything but the group `topics`, `map` and `output`.
+    recorded_pulse : ndarray, shape (n,), optional
+        Samples of ``pulse.kind: file``.
+
+    Attributes
+    ----------
+    beam_map : BeamformingMap
+        L_T of eq. (4).
+    free_area : FreeArea
+        A_T.
+    soundings : list of Sounding
+        The pings used, in order of emission as far as they came in time.
+    start_pose : Pose or None
+        The start frame in the odometry's frame; None until a ping was used.
+    frame_id : str
+        The odometry's frame; empty until there was a pose.
+    estimate : Estimate or None
+        The last finished solve.
+    """
+
+    def __init__(self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None) -> None:
+        self.parameters = parameters
+        self._solver = make_solver(parameters)
+        self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the mapper is as new."""
+        self._track = PoseTrack(self.parameters.odometry)
+        self._queue = PingQueue(self._track, self.parameters.odometry.queue_size)
+        self.beam_map = BeamformingMap(self.parameters.grid)
+        self.free_area = FreeArea()
+        self.soundings: list[Sounding] = []
+        self.start_pose: Pose | None = None
+        self.frame_id = ''
+        self.estimate: Estimate | None = None
+        self._solver.reset()
+        self._solving = False
+
+    def configure(self, parameters: Parameters) -> None:
+        """Take over changed `solver` parameters; a solve under way is dropped. The others are for a new mapper."""
+        self.parameters = parameters
+        self._solver = make_solver(parameters)
+        self._solving = False
+
+    @property
+    def counts(self) -> PingCounts:
+        """What became of the pings."""
+        return self._queue.counts
+
+    @property
+    def last_drop_texts(self) -> Mapping[str, str]:
+        """Last sentence of each drop reason."""
+        return self._queue.last_texts
+
+    def add_pose(self, stamp_ns: int, pose: Pose, frame_id: str = 'odom') -> bool:
+        """Add the pose of the robot's base [ns]; pings that waited for it are used.
+
+        False, and not taken, if the stamp is not after the newest one, or the frame is not that of the first pose.
+        """
+        if self.frame_id not in ('', frame_id) or not self._track.add(stamp_ns, pose):
+            return False
+        self.frame_id = frame_id
+        self._use_placed()
+        return True
+
+    def add_ping(self, ping: Ping) -> None:
+        """Add a ping; it is used once the odometry brackets its emission, or dropped and counted, never fatal."""
+        try:
+            self._listener.check(ping)
+        except BadPing as bad:
+            self._queue.refuse(bad.reason, str(bad))
+        else:
+            self._queue.put(ping)
+            self._use_placed()
+
+    def drop(self, reason: str, text: str = '') -> None:
+        """Count a ping that was received and refused before it became one."""
+        self._queue.refuse(reason, text)
+
+    def finish(self) -> None:
+        """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
+        self._queue.finish()
+
+    def _use_placed(self) -> None:
+        for ping, base in self._queue.placed():
+            sensor = base.compose(Pose(self.parameters.sensor.x_m, self.parameters.sensor.y_m))
+            self.start_pose = self.start_pose or sensor
+            place = self.start_pose.inverse().compose(sensor)
+            echo, envelope, rho = self._listener.hear(ping)  # eq. (3)
+            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho))
+            self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
+            self.free_area.add(place.x, place.y, rho)  # A_T
+
+    def solve(self) -> Estimate:
+        """Solve from what has been heard so far; the answer is in the odometry's frame."""
+        self.begin_solve()
+        while not self.advance(_SLICE):
+            pass
+        assert self.estimate is not None
+        return self.estimate
+
+    def begin_solve(self) -> None:
+        """Begin a solve on what has been heard so far."""
+        self._solver.begin(Evidence(tuple(self.soundings), self.beam_map, self.free_area))
+        self._solving = True
+
+    def advance(self, iterations: int) -> bool:
+        """Run up to so many iterations; True when the solve is done, or none is under way."""
+        if self._solving and self._solver.advance(iterations):
+            self.estimate = self.preview()
+            self._solving = False
+        return not self._solving
+
+    def preview(self) -> Estimate:
+        """What the solve that was begun last would answer if it ended now, in the odometry's frame."""
+        return self._solver.estimate().moved(self.start_pose or Pose(0.0, 0.0))
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """All that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
+        return packed(self.parameters, {
+            'frame': packed_frame(self.frame_id, self.start_pose),
+            'soundings': packed_soundings(self.soundings, len(self.beam_map.r_m)),
+            'track': self._track.state(), 'queue': self._queue.state(),
+            'beam_map': self.beam_map.state(), 'free_area': self.free_area.state(),
+        })
+
+    @classmethod
+    def from_state(
+        cls, parameters: Parameters, state: Mapping[str, NDArray[np.generic]],
+        recorded_pulse: NDArray[np.float64] | None = None,
+    ) -> 'PolygonMapper':
+        """Continue from what `state` gave.
+
+        Raises
+        ------
+        StateError
+            For a state that is damaged, of another version, or taken with other parameters that matter.
+        """
+        mapper = cls(parameters, recorded_pulse)
+        try:
+            parts = unpacked(parameters, state)
+            mapper.frame_id, mapper.start_pose = unpacked_frame(parts['frame'])
+            mapper.soundings = unpacked_soundings(parts['soundings'], len(mapper.beam_map.r_m))
+            for name, part in (('track', mapper._track), ('queue', mapper._queue),
+                               ('beam_map', mapper.beam_map), ('free_area', mapper.free_area)):
+                part.restore(parts[name])
+        except KeyError as error:
+            raise StateError(f'the state holds no {error.args[0]}') from error
+        except (ValueError, TypeError, IndexError, OverflowError) as error:
+            raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
+        return mapper
