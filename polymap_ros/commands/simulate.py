@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 PROGRAM = 'polymap_simulate'
 ODOM_TOPIC, ECHO_TOPIC = '/odom', '/echo'
+PULSE_NAME = 'pulse.npy'
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,9 +48,12 @@ def _simulate(arguments: argparse.Namespace) -> int:
 def record(scene: 'Scene', path: Path, storage: str = 'mcap') -> None:
     """Simulate a scene and write odometry, echoes, truth.json and, unless they are the default, params.yaml.
 
+    A pulse that was read from a file is written too, for params.yaml to name.
     A ping is logged when its last sample is in. The odometry has a message at every emission and as many evenly
     in between as its rate asks for, and one before the first and after the last ping.
     """
+    import numpy as np
+
     from polymap_ros.errors import RecordingError
     from polymap_ros.recordings.truth import truth_path
     from polymap_ros.recordings.writing import RecordingWriter
@@ -62,6 +66,8 @@ def record(scene: 'Scene', path: Path, storage: str = 'mcap') -> None:
         for log_ns, topic, message in entries:
             writer.write(topic, message, log_ns)
     truth_path(path).write_text(json.dumps({'vertices': scene.vertices.tolist()}) + '\n', encoding='utf-8')
+    if scene.recorded_pulse is not None:
+        np.save(truth_path(path).with_name(PULSE_NAME), scene.recorded_pulse, allow_pickle=False)
     if text := _changed_parameters(scene):
         truth_path(path).with_name('params.yaml').write_text(text, encoding='utf-8')
 
@@ -118,4 +124,6 @@ def _changed_parameters(scene: 'Scene') -> str:
 
     defaults = Parameters().flat()
     changed = {name: value for name, value in scene.parameters().flat().items() if value != defaults[name]}
+    if 'pulse.path' in changed:
+        changed['pulse.path'] = PULSE_NAME
     return yaml.safe_dump({NODE_NAME: {'ros__parameters': changed}}) if changed else ''

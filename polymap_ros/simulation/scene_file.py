@@ -22,7 +22,8 @@ import yaml
 from numpy.typing import NDArray
 
 from polymap_ros.errors import ParameterError, SceneError
-from polymap_ros.parameters import GridParameters, MediumParameters, PulseParameters, SensorParameters
+from polymap_ros.parameters import GridParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.scenes import Scene, counter_clockwise
 from polymap_ros.simulation.trajectories import fitted, legs, random_legs, recorded
 
@@ -81,7 +82,7 @@ def _folder() -> Any:
 
 
 def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: ReadPath | None) -> Scene:
-    fields = [entry.name for entry in dataclasses.fields(Scene)]
+    fields = [entry.name for entry in dataclasses.fields(Scene) if entry.name != 'recorded_pulse']
     _check_keys(document, [*fields, 'trajectory'], 'scene')
     if 'vertices' not in document or ('poses' in document) == ('trajectory' in document):
         raise SceneError('a scene needs vertices, and either poses or trajectory')
@@ -99,6 +100,8 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
             values[key] = document[key]
         else:
             values[key] = _number(document, key)
+    pulse = values.get('pulse', PulseParameters())
+    values['recorded_pulse'] = read_pulse(Parameters(pulse=pulse, folder=folder))
     if 'trajectory' in document:
         body = _mapping(document['trajectory'], 'trajectory')
         vertices, seed = counter_clockwise(values['vertices'])[0], int(values.get('seed', 1))

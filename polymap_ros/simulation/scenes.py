@@ -55,6 +55,8 @@ class Scene:
         The echoes' gain is uniform in +-half of this [dB], ping by ping, while the noise keeps its power.
     position_noise_m : float
         Standard deviation of the reported x and of the reported y at a ping [m].
+    recorded_pulse : ndarray, shape (k,), optional
+        Samples of ``pulse.kind: file``, at the scene's sample rate.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Scene:
     odometry_rate_hz: float = 20.0
     gain_range_db: float = 0.0
     position_noise_m: float = 0.0
+    recorded_pulse: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         vertices, reflection = counter_clockwise(self.vertices, self.reflection)

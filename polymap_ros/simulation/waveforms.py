@@ -33,8 +33,8 @@ def pings(scene: Scene) -> list[Ping]:
 
 def noise_free(scene: Scene) -> NDArray[np.float64]:
     """Eq. (1) without noise and at gain 1, shape (T, n_samples)."""
-    synthesis = Synthesis(
-        make_medium(scene.medium), make_pulse(scene.pulse), scene.n_samples, scene.period_s, scene.t0_s)
+    pulse = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s)
+    synthesis = Synthesis(make_medium(scene.medium), pulse, scene.n_samples, scene.period_s, scene.t0_s)
     pings = []
     for position in scene.positions:
         images = visible_images(scene.vertices, position, scene.order, scene.reflection)

@@ -1,5 +1,6 @@
 """polymap_simulate, with its recordings read back by rosbags alone."""
 
+import dataclasses
 import json
 import subprocess
 import sys
@@ -10,6 +11,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from polymap_ros.commands.simulate import main
+from polymap_ros.parameters import PulseParameters, load_parameters
+from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
 
@@ -96,6 +99,20 @@ def test_parameters_are_written_where_the_defaults_would_not_do(tmp_path, scene_
     scene_file.write_text(SCENE.replace('t0_s: 2.0e-5', ''))
     assert main([str(scene_file), '--output', str(tmp_path / 'plain')]) == 0
     assert not (tmp_path / 'plain' / 'params.yaml').exists()
+
+
+def test_a_recorded_pulse_is_emitted_and_goes_with_the_recording(tmp_path, scene_file):
+    pulse = np.hanning(30) * np.sin(np.arange(30))
+    np.save(tmp_path / 'ping.npy', pulse)
+    scene_file.write_text(SCENE.replace('t0_s: 2.0e-5', 'pulse: {kind: file, path: ping.npy}\nsnr_db: null'))
+    assert main([str(scene_file), '--output', str(tmp_path / 'bag')]) == 0
+    parameters = load_parameters(tmp_path / 'bag' / 'params.yaml')
+    np.testing.assert_array_equal(read_pulse(parameters), pulse)
+    scene = load_scene(str(scene_file))
+    plain = dataclasses.replace(scene, pulse=PulseParameters(), recorded_pulse=None)
+    first = np.array([message.intensities for _, message in read(tmp_path / 'bag')[1]])
+    assert np.abs(first).max() > 0.0
+    assert np.abs(np.corrcoef(first[0], simulate(plain)[0])[0, 1]) < 0.6
 
 
 def test_a_recorded_odometry_is_followed(tmp_path, scene_file):
