@@ -14,8 +14,8 @@ ROS_OWN = ('/rosout', '/parameter_events')
 
 def table(heading):
     """{name: type} of the first table below a heading whose rows begin with two words in backquotes."""
-    rows = re.findall(r'^\| `(\S+)` \| `?([^`|]+?)`? \|', README.split(heading)[1].split('\n## ')[0], re.MULTILINE)
-    return {name.replace('~', '/polymap_node'): kind for name, kind in rows}
+    rows = re.findall(r'^\| `(\S+)` \| (.+?) \|', README.split(heading)[1].split('\n## ')[0], re.MULTILINE)
+    return {name.replace('~', '/polymap_node'): kind.strip('`') for name, kind in rows}
 
 
 def offered(pairs):
