@@ -1,6 +1,7 @@
 """polymap_node: the live mapping node."""
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 
@@ -23,9 +24,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(command_line: list[str]) -> int:
     require_ros()
-    from polymap_ros.node.node import run
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # until rclpy takes over
+    try:
+        from polymap_ros.node.running import run
 
-    run(command_line)
+        run(command_line)
+    except KeyboardInterrupt:
+        console.complain(PROGRAM, 'interrupted while starting')
     return console.DONE
 
 

@@ -98,7 +98,7 @@ def marker_array_message(make: Make, drawing: Drawing) -> Any:
     ]
     markers.append(_marker(
         make, drawing.frame_id, 'text', TEXT, color=OUTLINE, width=0.03 * size, text=summary(drawing.estimate),
-        pose=Pose(float(low[0] + high[0]) / 2, float(high[1]) + 0.05 * size),
+        pose=Pose(float(low[0] + high[0]) / 2, float(high[1]) + 0.08 * size),
     ))
     return make('visualization_msgs/msg/MarkerArray', markers=markers)
 

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -104,6 +105,19 @@ class Peer:
         self.node.create_subscription(message_class(type_name), topic, received.append, qos)
         return received
 
+    def diagnostics(self, node: str = 'polymap_node') -> Callable[[], dict[str, str]]:
+        """A function that gives the node's newest diagnostic values, with `level` and `message` among them."""
+        received = self.listen('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 10)
+
+        def newest() -> dict[str, str]:
+            found = [status for array in received for status in array.status if status.name.startswith(f'{node}:')]
+            if not found:
+                return {}
+            values = {pair.key: pair.value for pair in found[-1].values}
+            return {'level': str(found[-1].level[0]), 'message': found[-1].message, **values}
+
+        return newest
+
     def publisher(self, topic: str, type_name: str, qos: Any = RELIABLE, subscribers: int = 1) -> Any:
         """A publisher that has met its subscribers."""
         publisher = self.node.create_publisher(message_class(type_name), topic, qos)
@@ -121,6 +135,27 @@ class Peer:
         return future.result()
 
 
+@pytest.fixture(scope='module')
+def make_peer() -> Iterator[Callable[[], Peer]]:
+    """Makes peers that live as long as the module's tests."""
+    peers: list[Peer] = []
+
+    def make() -> Peer:
+        peers.append(Peer())
+        return peers[-1]
+
+    yield make
+    for each in peers:
+        each.close()
+
+
+@pytest.fixture(scope='module')
+def starter() -> Iterator[Callable[..., Process]]:
+    """Starts processes that live as long as the module's tests."""
+    with launching() as launch:
+        yield launch
+
+
 @pytest.fixture
 def peer() -> Iterator[Peer]:
     peer = Peer()
@@ -131,6 +166,12 @@ def peer() -> Iterator[Peer]:
 @pytest.fixture
 def start() -> Iterator[Callable[..., Process]]:
     """Starts ``polymap_node`` (or another command) and waits until it is ready."""
+    with launching() as launch:
+        yield launch
+
+
+@contextmanager
+def launching() -> Iterator[Callable[..., Process]]:
     processes: list[Process] = []
 
     def launch(*arguments: str, command: str = 'node', ready: str = 'ready:') -> Process:

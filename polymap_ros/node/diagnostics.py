@@ -1,0 +1,145 @@
+"""What the node says about itself once a second: a state, its reason in words, and the figures."""
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.messages.markers import summary
+from polymap_ros.node.inputs import Input
+from polymap_ros.node.saving import Saver
+from polymap_ros.node.solving import SolveLoop
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+REPEAT_S = 60.0
+"""The same kind of sentence is not logged again before this time."""
+
+
+@dataclass
+class Parts:
+    """What is looked at."""
+
+    odometry: Input
+    echoes: Input
+    mapper: PolygonMapper
+    solving: SolveLoop
+    saver: Saver
+
+
+class Diagnostics:
+    """Publishes `/diagnostics` and logs its warnings when they change."""
+
+    def __init__(self, node: Node, parts: Parts) -> None:
+        self._node = node
+        self._parts = parts
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._then_s = time.monotonic()
+        self._before = Counter[str]()
+        self._told_s: dict[str, float] = {}
+
+    def publish(self) -> None:
+        """Look, publish and log; called once a second."""
+        now_s = time.monotonic()
+        counts = self._counts()
+        new = counts - self._before
+        elapsed_s = max(now_s - self._then_s, 1e-6)
+        rates = {name: new[name] / elapsed_s for name in ('odometry', 'echoes')}
+        self._then_s, self._before = now_s, counts
+        findings = list(self._findings(new))
+        level = max((level for level, _ in findings), default=OK)
+        sentence = '; '.join(text for found, text in findings if found == level)
+        values = self._values(rates)
+        self._publisher.publish(DiagnosticArray(
+            header=Header(stamp=self._node.get_clock().now().to_msg()),
+            status=[DiagnosticStatus(
+                level=level, name=f'{self._node.get_fully_qualified_name().lstrip("/")}: polygon mapping',
+                message=sentence, hardware_id='',
+                values=[KeyValue(key=key, value=value) for key, value in values.items()],
+            )],
+        ))
+        for found, text in findings:
+            if found != OK:
+                self._log(text, now_s)
+
+    def _counts(self) -> Counter[str]:
+        parts = self._parts
+        counts = Counter({f'dropped {reason}': n for reason, n in parts.mapper.counts.dropped.items()})
+        counts.update({
+            'odometry': parts.odometry.received, 'echoes': parts.echoes.received, 'used': parts.mapper.counts.used,
+            'behind': parts.solving.behind,
+        })
+        return counts
+
+    def _findings(self, new: Counter[str]) -> Iterator[tuple[bytes, str]]:
+        """State and reason, most basic first; `new` holds what was counted since the last look."""
+        parts = self._parts
+        if parts.solving.paused:
+            yield OK, 'paused'
+            return
+        for each in (parts.odometry, parts.echoes):
+            if each.silent:
+                reason = each.reason()
+                yield (ERROR if reason.startswith(('wrong type', 'incompatible')) else WARN), reason
+        yield from self._drops(new)
+        counts = parts.mapper.counts
+        if counts.waiting and new['echoes'] and not new['used'] and not parts.odometry.silent:
+            yield WARN, f'{counts.waiting} pings wait for odometry: is it late, or are the clocks of the two apart?'
+        if new['behind']:
+            yield WARN, f'the solver is behind: the last solve took {parts.solving.solve_s:.2f} s'
+        if parts.saver.problem:
+            yield ERROR, parts.saver.problem
+        estimate = parts.mapper.estimate
+        if estimate is not None and estimate.status != 'closed':
+            yield WARN, f'no polygon: {"; ".join(each.text for each in estimate.cautions) or estimate.status}'
+        elif estimate is not None:
+            for caution in estimate.cautions:
+                yield WARN, caution.text
+        yield OK, summary(estimate)
+
+    def _drops(self, new: Counter[str]) -> Iterator[tuple[bytes, str]]:
+        texts = self._parts.mapper.last_drop_texts
+        for name, count in new.items():
+            kind, _, reason = name.partition(' ')
+            if kind == 'dropped' and count > 0 and reason != 'paused':
+                level = WARN if new['used'] else ERROR
+                yield level, f'pings dropped, {reason}: {texts.get(reason) or "see the counters"}'
+
+    def _values(self, rates: dict[str, float]) -> dict[str, str]:
+        parts = self._parts
+        counts, estimate = parts.mapper.counts, parts.mapper.estimate
+        values = {
+            'odometry rate [Hz]': f'{rates["odometry"]:.1f}', 'echo rate [Hz]': f'{rates["echoes"]:.1f}',
+            'odometry received': str(parts.odometry.received),
+            'odometry refused': str(parts.odometry.refused), 'odometry lost': str(parts.odometry.lost),
+            'echoes received': str(parts.echoes.received), 'echoes lost': str(parts.echoes.lost),
+            'publishers with incompatible QoS': str(parts.odometry.incompatible + parts.echoes.incompatible),
+            'pings received': str(counts.received), 'pings used': str(counts.used),
+            'pings waiting': str(counts.waiting),
+            **{f'pings dropped: {reason}': str(n) for reason, n in sorted(counts.dropped.items())},
+            'solve time [s]': f'{parts.solving.solve_s:.3f}',
+            'longest slice [ms]': f'{1e3 * parts.solving.slowest_slice_s:.1f}',
+            'longest odometry callback [ms]': f'{1e3 * parts.odometry.slowest_s:.1f}',
+            'longest echo callback [ms]': f'{1e3 * parts.echoes.slowest_s:.1f}',
+            'saved': parts.saver.saved,
+        }
+        if estimate is not None:
+            values |= {
+                'status': estimate.status, 'method': estimate.method,
+                'edges': str(len(estimate.polygon.edges) if estimate.polygon else 0),
+                'cost': '' if estimate.cost is None else f'{estimate.cost:.6g}',
+                'IoU with free area': '' if estimate.iou_free_area is None else f'{estimate.iou_free_area:.4f}',
+            }
+        return values
+
+    def _log(self, text: str, now_s: float) -> None:
+        kind = text.partition(':')[0]
+        if now_s - self._told_s.get(kind, -REPEAT_S) >= REPEAT_S:
+            self._told_s[kind] = now_s
+            self._node.get_logger().warning(text)
+

@@ -1,0 +1,92 @@
+"""One input topic of the node: its messages, its publishers, and why it may be silent."""
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSCompatibility, qos_check_compatible, qos_policy_name_from_kind
+
+from polymap_ros.node.factory import message_class
+from polymap_ros.node.qos import overridable, sensor_input
+
+SILENCE_S = 5.0
+"""After this time without a message, the reason is looked for and told."""
+
+
+class Input:
+    """A subscription that counts and can say why nothing comes.
+
+    Parameters
+    ----------
+    node : Node
+        The subscriber.
+    topic : str
+        Name before remapping.
+    type_name : str
+        Such as ``nav_msgs/msg/Odometry``.
+    take : callable
+        Called with each message.
+
+    Attributes
+    ----------
+    received, refused, lost, incompatible : int
+        Messages that came, those of them that were no use, messages the middleware lost, publishers that offer
+        a QoS we cannot take.
+    slowest_s : float
+        Longest time that `take` needed [s].
+    """
+
+    def __init__(self, node: Node, topic: str, type_name: str, take: Callable[[Any], None]) -> None:
+        self.type_name = type_name
+        self.received = self.refused = self.lost = self.incompatible = 0
+        self.slowest_s = 0.0
+        self._node = node
+        self._take = take
+        self._newest_s = time.monotonic()
+        self._subscription = node.create_subscription(
+            message_class(type_name), topic, self._received, sensor_input(),
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._refused, message_lost=self._lost),
+            qos_overriding_options=overridable(),
+        )
+
+    @property
+    def topic(self) -> str:
+        """The topic's full name after remapping."""
+        return str(self._subscription.topic_name)
+
+    @property
+    def silent(self) -> bool:
+        """Nothing came for `SILENCE_S`."""
+        return time.monotonic() - self._newest_s > SILENCE_S
+
+    def reason(self) -> str:
+        """Say in words why nothing comes."""
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        if not publishers:
+            return f'no publisher on {self.topic}'
+        alike = [each for each in publishers if each.topic_type == self.type_name]
+        if not alike:
+            found = ', '.join(sorted({each.topic_type for each in publishers}))
+            return f'wrong type on {self.topic}: published is {found}, expected {self.type_name}'
+        for each in alike:
+            compatible, why = qos_check_compatible(each.qos_profile, self._subscription.qos_profile)
+            if compatible == QoSCompatibility.ERROR:
+                return f'incompatible QoS on {self.topic}: {why.strip().rstrip(";")}'
+        return f'{self.topic} has a publisher, but no message {"came" if self.received == 0 else "comes any more"}'
+
+    def _received(self, message: Any) -> None:
+        self.received += 1
+        started_s = self._newest_s = time.monotonic()
+        self._take(message)
+        self.slowest_s = max(self.slowest_s, time.monotonic() - started_s)
+
+    def _lost(self, event: Any) -> None:
+        self.lost = event.total_count
+
+    def _refused(self, event: Any) -> None:
+        self.incompatible = event.total_count
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        self._node.get_logger().warning(f'a publisher on {self.topic} offers incompatible QoS ({policy}); ours can be '
+                                        f'set by qos_overrides.{self.topic}.subscription.*')

@@ -1,0 +1,162 @@
+"""The live mapping node: a thin leaf over `PolygonMapper`."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from polymap_ros.errors import BadOdometry, BadPing, ParameterError
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.warm_up import warm_up
+from polymap_ros.messages.echoes import ping_from_message
+from polymap_ros.messages.odometry import stamped_pose
+from polymap_ros.node.declaration import LiveParameters, declare
+from polymap_ros.node.diagnostics import Diagnostics, Parts
+from polymap_ros.node.inputs import Input
+from polymap_ros.node.publishers import Outputs
+from polymap_ros.node.saving import Saver
+from polymap_ros.node.solving import SolveLoop
+from polymap_ros.parameters import NODE_NAME, Parameters
+from polymap_ros.pulse_file import read_pulse
+from polymap_ros.results.arrays import read_state
+
+BEAM_MAP_PERIOD_S = 1.0
+DIAGNOSTICS_PERIOD_S = 1.0
+AUTOSAVE_CHECK_S = 0.5
+HEARTBEAT_PERIOD_S = 10.0
+
+
+class PolymapNode(Node):  # type: ignore[misc]
+    """Subscribes to odometry and echoes, maps, solves and publishes.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        The command line.
+
+    Raises
+    ------
+    ParameterError
+        For parameters that are not allowed.
+    StateError
+        For a saved state that cannot be continued.
+    """
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
+        parameters = declare(self, arguments)
+        self._log_parameters(parameters)
+        pulse = read_pulse(parameters)
+        warm_up(parameters, pulse)
+        if parameters.output.load_path:
+            state = read_state(Path(parameters.output.load_path))
+            self._mapper = PolygonMapper.from_state(parameters, state, pulse)
+        else:
+            self._mapper = PolygonMapper(parameters, pulse)
+        self._newest_ns: int | None = None
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._outputs = Outputs(self, self._mapper)
+        self._solving = SolveLoop(self, self._mapper, steady, self._publish)
+        self._solving.set_period(parameters.solver.period_s)
+        self._live = LiveParameters(self, parameters, self._apply)
+        self._saver = Saver(self, self._mapper, lambda: self._live.current, pulse)
+        self.create_timer(AUTOSAVE_CHECK_S, self._saver.autosave, clock=steady)
+        self._watch_clock()
+        self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry)
+        self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo)
+        parts = Parts(self._odometry, self._echoes, self._mapper, self._solving, self._saver)
+        self._diagnostics = Diagnostics(self, parts)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnostics.publish, clock=steady)
+        self.create_timer(BEAM_MAP_PERIOD_S, self._outputs.publish_beam_map, clock=steady)
+        self.create_timer(HEARTBEAT_PERIOD_S, self._outputs.repeat, clock=steady)
+        self._offer_services()
+        self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
+
+    def reset(self) -> None:
+        """Forget the map and clear what is latched."""
+        frame_id = self._mapper.frame_id
+        self._mapper.reset()
+        self._newest_ns = None
+        self._solving.solve_again()
+        self._outputs.clear(frame_id)
+
+    def close(self) -> None:
+        """Finish what is being written; to be called after the last callback."""
+        self._saver.close()
+
+    def _take_odometry(self, message: Any) -> None:
+        try:
+            stamp_ns, frame_id, pose = stamped_pose(message)
+        except BadOdometry as error:
+            self._odometry.refused += 1
+            self.get_logger().warning(str(error), throttle_duration_sec=10.0)
+            return
+        back_s = 0.0 if self._newest_ns is None else (self._newest_ns - stamp_ns) * 1e-9
+        if back_s > self._live.current.odometry.max_gap_s:
+            self._jumped_back(f'odometry went back by {back_s:.3f} s')
+        self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
+        if not self._mapper.add_pose(stamp_ns, pose, frame_id):
+            self._odometry.refused += 1
+            if frame_id != self._mapper.frame_id:
+                self.get_logger().warning(f'odometry in frame {frame_id!r} is refused, the map is in '
+                                          f'{self._mapper.frame_id!r}; ~/reset forgets it', throttle_duration_sec=10.0)
+
+    def _take_echo(self, message: Any) -> None:
+        if self._solving.paused:
+            self._mapper.drop('paused')
+            return
+        echo = self._live.current.echo
+        try:
+            ping = ping_from_message(message, echo.type, echo, self.get_clock().now().nanoseconds)
+        except BadPing as error:
+            self._mapper.drop(error.reason, str(error))
+            return
+        self._mapper.add_ping(ping)
+
+    def _watch_clock(self) -> None:
+        threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump_handle = self.get_clock().create_jump_callback(
+            threshold, post_callback=lambda jump: self._jumped_back(
+                f'/clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s'))
+
+    def _jumped_back(self, what: str) -> None:
+        action = self._live.current.odometry.on_jump_back
+        if action == 'reset':
+            self.get_logger().warning(f'{what}: the map is reset (odometry.on_jump_back)')
+            self.reset()
+        else:
+            self.get_logger().warning(f'{what}: what is older than the newest odometry is dropped '
+                                      '(odometry.on_jump_back)', throttle_duration_sec=60.0)
+
+    def _publish(self) -> None:
+        try:
+            self._outputs.publish(self._live.current)
+        except ParameterError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=60.0)
+
+    def _apply(self, parameters: Parameters) -> None:
+        self._mapper.configure(parameters)
+        self._solving.set_period(parameters.solver.period_s)
+        self._solving.solve_again()
+
+    def _log_parameters(self, parameters: Parameters) -> None:
+        lines = (f'  {name}: {value!r}' for name, value in parameters.flat().items())
+        self.get_logger().info('parameters:\n' + '\n'.join(lines))
+
+    def _offer_services(self) -> None:
+        self.create_service(Trigger, '~/reset', self._serve_reset)
+        self.create_service(SetBool, '~/pause', self._serve_pause)
+
+    def _serve_reset(self, request: Any, response: Any) -> Any:
+        self.reset()
+        response.success, response.message = True, 'the map is empty'
+        return response
+
+    def _serve_pause(self, request: Any, response: Any) -> Any:
+        self._solving.paused = bool(request.data)
+        response.success, response.message = True, 'paused' if request.data else 'running'
+        return response

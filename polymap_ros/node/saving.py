@@ -1,0 +1,139 @@
+"""Writing what was found, beside the node's other work: for ``~/save`` and at intervals."""
+
+import itertools
+import shutil
+import time
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.task import Future as RosFuture
+from std_srvs.srv import Trigger
+
+from polymap_ros.atomic import move_into_place, staging
+from polymap_ros.errors import PolymapError
+from polymap_ros.mapping.estimate import Caution, Estimate
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.parameters import Parameters
+from polymap_ros.results.save import write_results
+
+
+class Saver:
+    """Saves to ``<output.dir>/<stamp_ns>-<n>``; the files are written in a thread from a snapshot.
+
+    Parameters
+    ----------
+    node : Node
+        Offers the service.
+    mapper : PolygonMapper
+        What is saved.
+    parameters : callable
+        Gives the parameters in force.
+    recorded_pulse : ndarray, shape (n,), optional
+        As the mapper has it.
+
+    Attributes
+    ----------
+    saved : str
+        The folder written last.
+    problem : str
+        Why the last save failed; empty when it did not.
+    """
+
+    def __init__(
+        self, node: Node, mapper: PolygonMapper, parameters: Callable[[], Parameters],
+        recorded_pulse: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.saved = self.problem = ''
+        self._node = node
+        self._mapper = mapper
+        self._parameters = parameters
+        self._recorded_pulse = recorded_pulse
+        self._writer = ThreadPoolExecutor(1, thread_name_prefix='save')
+        self._automatic: Future[Path] | None = None
+        self._automatic_s = time.monotonic()
+        self._automatic_folder: Path | None = None
+        self._saved_pings = 0
+        # A group of its own: the service waits for the disk, and the inputs must not wait with it.
+        node.create_service(Trigger, '~/save', self._serve, callback_group=MutuallyExclusiveCallbackGroup())
+
+    def autosave(self) -> None:
+        """Save where `output.autosave_s` asks for it and something new came; called about once a second."""
+        if self._automatic is not None:
+            if not self._automatic.done():
+                return
+            self._finish_automatic(self._automatic)
+            self._automatic = None
+        interval_s = self._parameters().output.autosave_s
+        due = interval_s > 0.0 and time.monotonic() - self._automatic_s >= interval_s
+        if due and self._mapper.counts.used > self._saved_pings:
+            self._automatic_s = time.monotonic()
+            self._automatic = self._start()
+
+    def close(self) -> None:
+        """Let a running save finish, and save a last time where automatic saves are on."""
+        if self._automatic is not None:
+            self._finish_automatic(self._automatic)
+        if self._parameters().output.autosave_s > 0.0 and self._mapper.counts.used > self._saved_pings:
+            self._finish_automatic(self._start())
+        self._writer.shutdown()
+
+    def _start(self) -> 'Future[Path]':
+        mapper, parameters = self._mapper, self._parameters()
+        self._saved_pings = mapper.counts.used
+        estimate = mapper.estimate or Estimate(
+            'open', parameters.solver.method, cautions=(Caution('no_answer', 'nothing has been solved yet'),))
+        state = mapper.state()
+
+        def copy() -> PolygonMapper:
+            return PolygonMapper.from_state(parameters, state, self._recorded_pulse)
+
+        return self._writer.submit(_write, copy, estimate, parameters)
+
+    def _finish_automatic(self, future: 'Future[Path]') -> None:
+        """Keep only the newest automatic save."""
+        before, self._automatic_folder = self._automatic_folder, self._note(future)
+        if before is not None and self._automatic_folder is not None:
+            shutil.rmtree(before, ignore_errors=True)
+
+    def _note(self, future: 'Future[Path]') -> Path | None:
+        try:
+            folder = future.result()
+        except (OSError, PolymapError) as error:
+            self.problem = f'cannot save: {error}'
+            self._node.get_logger().error(self.problem)
+            return None
+        self.saved, self.problem = str(folder), ''
+        return folder
+
+    async def _serve(self, request: Any, response: Any) -> Any:
+        future = self._start()
+        executor = self._node.executor
+        written = RosFuture(executor=executor)
+        future.add_done_callback(lambda _: executor.create_task(partial(written.set_result, None)))
+        await written
+        folder = self._note(future)
+        response.success = folder is not None
+        response.message = self.problem if folder is None else str(folder)
+        return response
+
+
+def _write(copy: Callable[[], PolygonMapper], estimate: Estimate, parameters: Parameters) -> Path:
+    """Write a copy of the mapper as a whole folder that did not exist before; return its absolute path."""
+    mapper = copy()
+    stamp_ns = max((sounding.stamp_ns for sounding in mapper.soundings), default=0)
+    parent = Path(parameters.output.dir).resolve()
+    with staging(parent / 'save') as stage:
+        files = stage / 'files'
+        files.mkdir()
+        write_results(files, mapper, estimate, parameters)
+        targets = (parent / f'{stamp_ns}-{n}' for n in itertools.count(1))
+        target = next(target for target in targets if not target.exists())
+        move_into_place(files, target)
+    return target
