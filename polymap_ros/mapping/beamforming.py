@@ -14,6 +14,9 @@ _BLOCK = 64
 _ROUNDING = 1e-6
 """Share of a step by which an end of an axis may miss a multiple of the step."""
 
+_WHOLE = 1e-9
+"""A shift this near to a whole number of cells is one: rounding must not cut off the end of the range axis."""
+
 
 class BeamformingMap:
     r"""L_T(r, theta) = sum_i e_i(d_i(r, theta)), d_i = \|x_i cos(theta) + y_i sin(theta) - r\|, of eq. (4).
@@ -104,8 +107,8 @@ def _add_mirrored(
     for i in range(values.shape[0]):
         if not abs(shifts[i]) < 2 * n:
             continue
-        whole = int(np.floor(shifts[i]))
-        share = shifts[i] - whole
+        whole = int(np.floor(shifts[i] + _WHOLE))
+        share = shifts[i] - whole if shifts[i] - whole > _WHOLE else 0.0
         # Cell j lies at j - shift on the envelope's axis, between j - whole - 1 and j - whole; both must be on it.
         start = max(0, whole - n + (2 if share > 0.0 else 1))
         stop = min(n, whole + n)

@@ -84,8 +84,9 @@ class PaperSolver:
 
     def lines_at(self, iteration: int = -1) -> NDArray[np.float64]:
         """r [m] and theta [rad] of all K lines after an iteration (0: the first state), shape (K, 2)."""
+        snapshot = self._evidence
         r, theta = self._cells[iteration].T
-        return np.column_stack((self._evidence.r_m[r], self._evidence.theta_rad[theta]))
+        return np.column_stack((snapshot.r_m[r], snapshot.theta_rad[theta]))
 
     def kept_at(self, iteration: int = -1) -> NDArray[np.intp]:
         """Indices of the lines that eq. (10) leaves after an iteration."""
