@@ -267,3 +267,60 @@ def _anneal(
                 best[:] = chosen
                 best_count, best_score = count, score
     return best[:best_count].copy()
+
+
+def strongest_chords(
+    data: EchoData, expected: NDArray[np.float64], strength: float, corners: NDArray[np.float64], most: int
+) -> NDArray[np.float64]:
+    """Lines (n, 2) that cut a polygon between its path and its corners, with the most evidence on their chords."""
+    angles = int(np.clip(2.0 * np.pi * data.extent_m / data.pulse.width_m, 120, 360))
+    theta = 2.0 * np.pi * np.arange(angles) / angles - np.pi
+    normals = np.column_stack((np.cos(theta), np.sin(theta)))
+    low, high = (data.positions @ normals.T).max(axis=0), (corners @ normals.T).max(axis=0)
+    count = int(np.ceil((high - low).max() / data.cell_m)) + 1
+    r = low[:, None] + (0.5 + np.arange(count)) * data.cell_m
+    lines = np.column_stack((r.ravel(), np.repeat(theta, count)))
+    evidence = foot_evidence(data, expected, strength)
+    scores = chord_evidence(lines, corners, data.positions, evidence, data.cell_m).reshape(angles, count)
+    peaks = (scores == maximum_filter(scores, size=(5, 3), mode=('wrap', 'nearest'))) & (scores > -1e8)
+    picked = np.flatnonzero(peaks)
+    picked = picked[np.argsort(-scores.ravel()[picked], kind='stable')[:most]]
+    offsets = np.linspace(-0.5, 0.5, 5)
+    near = np.array([(dr * data.cell_m, dtheta * 2.0 * np.pi / angles) for dr in offsets for dtheta in offsets])
+    around = lines[picked][:, None, :] + near[None]
+    finer = chord_evidence(np.ascontiguousarray(around.reshape(-1, 2)), corners, data.positions, evidence, data.cell_m)
+    best = np.argmax(finer.reshape(len(picked), len(near)), axis=1) if len(picked) else np.empty(0, int)
+    chosen: NDArray[np.float64] = around[np.arange(len(picked)), best]
+    return chosen
+
+
+@kernel
+def chord_evidence(
+    pool: NDArray[np.float64], corners: NDArray[np.float64], positions: NDArray[np.float64],
+    evidence: NDArray[np.float64], cell: float,
+) -> NDArray[np.float64]:
+    """First-order evidence of each line on the chord that it cuts from a polygon; -1e9 where it cuts none."""
+    gains = np.full(len(pool), -1e9)
+    ends = np.empty((2, 2))
+    for q in range(len(pool)):
+        c, s = np.cos(pool[q, 1]), np.sin(pool[q, 1])
+        crossings = 0
+        for i in range(len(corners)):
+            j = (i + 1) % len(corners)
+            here = corners[i, 0] * c + corners[i, 1] * s - pool[q, 0]
+            there = corners[j, 0] * c + corners[j, 1] * s - pool[q, 0]
+            if (here <= 0.0) != (there <= 0.0):
+                # Inside to outside is where the chord starts, counter-clockwise.
+                t = here / (here - there)
+                end = 0 if here <= 0.0 else 1
+                ends[end, 0] = corners[i, 0] + t * (corners[j, 0] - corners[i, 0])
+                ends[end, 1] = corners[i, 1] + t * (corners[j, 1] - corners[i, 1])
+                crossings += 1
+        if crossings != 2:
+            continue
+        behind = False
+        for i in range(len(positions)):
+            behind = behind or positions[i, 0] * c + positions[i, 1] * s >= pool[q, 0]
+        if not behind:
+            gains[q] = edge_evidence(pool[q], ends[0], ends[1], positions, evidence, cell)
+    return gains

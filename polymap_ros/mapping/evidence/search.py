@@ -1,20 +1,21 @@
 """The search: from candidate lines to the polygon, by the power likelihood first and the waveform's last."""
 
+import dataclasses
 from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
 from polymap_ros.mapping.evidence.proposals import (
     annealed_subset,
-    edge_evidence,
+    chord_evidence,
     first_strength,
     foot_evidence,
+    strongest_chords,
     strongest_lines,
 )
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
@@ -25,7 +26,12 @@ PRICE = 17.0
 ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi); a false-alarm rate of 1e-3 over the cells of the map gives 18."""
 
 POOL = 100
-_RESIDUAL_LINES = 30
+_CHORDS = 12
+"""Lines proposed at a time to cut the polygon."""
+
+_LEAST_CHORD = -2.0
+"""Evidence from which a cut is tried: at -10 dB a short edge's own feet bring as little, its higher orders the rest."""
+
 _ANNEALING = 20_000
 _SEARCH_ORDER = 3
 """Orders 1 and 2 hold a third of the truth's log likelihood in a lossless plate; 3 is what the search can afford."""
@@ -112,9 +118,9 @@ class Search:
         expected = self.power.expected(model)
         pool = self.pool
         if residual:
-            left = strongest_lines(self.data, expected, model.strength, _RESIDUAL_LINES)
-            pool = np.vstack((left.lines, pool))
-        trials = [self._with_line(model, line) for line in self._promising(model, expected, pool, 6)]
+            _, corners = corners_of(model.lines)
+            pool = np.vstack((strongest_chords(self.data, expected, model.strength, corners, _CHORDS), pool))
+        trials = [self._with_line(model, line) for line in self._promising(model, expected, pool, _CHORDS)]
         for wall in range(len(model.lines)):
             fewer = model.without(wall)
             if np.isfinite(self.power(fewer, order)):
@@ -134,9 +140,9 @@ class Search:
         """Lines of the pool with the most unexplained first-order evidence where they cut the polygon."""
         _, corners = corners_of(model.lines)
         evidence = foot_evidence(self.data, expected, model.strength)
-        gains = _chord_evidence(pool, corners, self.data.positions, evidence, self.data.cell_m)
+        gains = chord_evidence(pool, corners, self.data.positions, evidence, self.data.cell_m)
         best = np.argsort(-gains, kind='stable')[:most]
-        return pool[best[gains[best] > 0.0]]
+        return pool[best[gains[best] > _LEAST_CHORD]]
 
     def _with_line(self, model: Model, line: NDArray[np.float64]) -> Model | None:
         lines = active(np.vstack((model.lines, line)))
@@ -195,25 +201,23 @@ class Search:
         if len(wave.lines) >= self._max_edges:
             return None
         residual = self.wave.residual_power(wave, FULL_ORDER)
-        left = EchoData(self.data.positions, self.data.signal, residual, self.data.gain, self.data.first_cell,
-                        self.data.range_max_m, self.data.cell_m, self.data.pulse, self.data.spreading)
-        base = self.power.initial(model.strength).with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection)))
-        base.background = np.zeros(residual.shape[1])
+        left = dataclasses.replace(self.data, power=residual)
         expected = np.maximum(np.mean(residual, axis=0, keepdims=True), 1.0)
-        found = strongest_lines(left, expected, model.strength, _RESIDUAL_LINES)
+        base = model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection)))
+        score = self.power.fit_nuisances(base, _SEARCH_ORDER)
         _, corners = corners_of(wave.lines)
-        gains = _chord_evidence(found.lines, corners, left.positions,
-                                foot_evidence(left, expected, model.strength), left.cell_m)
-        for pick in np.argsort(-gains, kind='stable')[:3]:
-            if gains[pick] < PRICE:
+        refined = []
+        for line in strongest_chords(left, expected, base.strength, corners, _CHORDS):
+            trial = self._with_line(base, line)
+            if trial is None or not np.isfinite(self.power(trial, _SEARCH_ORDER)):
+                continue
+            yield
+            trial, _ = self.power.refine(trial, 2, 3)
+            refined.append(self.power.refine(trial, _SEARCH_ORDER, 4))
+        for trial, value in sorted(refined, key=lambda entry: -entry[1])[:2]:
+            if value < score + PRICE:
                 break
             yield
-            trial = self._with_line(base, found.lines[pick])
-            if trial is None:
-                continue
-            trial.background = model.background.copy()
-            trial, _ = self.power.refine(trial, 2, 4)
-            trial, _ = self.power.refine(trial, _SEARCH_ORDER, 4)
             more = self._aligned(trial)
             if more is not None and more.value - PRICE * (len(more.lines) - len(wave.lines)) > wave.value:
                 return more
@@ -231,35 +235,3 @@ def without_wall(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> Wave 
     """The waveform with one wall left out, not refined; None where the others bound no polygon."""
     lines, reflection = np.delete(wave.lines, wall, 0), np.delete(wave.reflection, wall)
     return likelihood.evaluate(np.ascontiguousarray(lines), reflection, wave.phase, FULL_ORDER)
-
-
-@kernel
-def _chord_evidence(
-    pool: NDArray[np.float64], corners: NDArray[np.float64], positions: NDArray[np.float64],
-    evidence: NDArray[np.float64], cell: float,
-) -> NDArray[np.float64]:
-    """First-order evidence of each line on the chord that it cuts from a polygon; -1e9 where it cuts none."""
-    gains = np.full(len(pool), -1e9)
-    ends = np.empty((2, 2))
-    for q in range(len(pool)):
-        c, s = np.cos(pool[q, 1]), np.sin(pool[q, 1])
-        crossings = 0
-        for i in range(len(corners)):
-            j = (i + 1) % len(corners)
-            here = corners[i, 0] * c + corners[i, 1] * s - pool[q, 0]
-            there = corners[j, 0] * c + corners[j, 1] * s - pool[q, 0]
-            if (here <= 0.0) != (there <= 0.0):
-                # Inside to outside is where the chord starts, counter-clockwise.
-                t = here / (here - there)
-                end = 0 if here <= 0.0 else 1
-                ends[end, 0] = corners[i, 0] + t * (corners[j, 0] - corners[i, 0])
-                ends[end, 1] = corners[i, 1] + t * (corners[j, 1] - corners[i, 1])
-                crossings += 1
-        if crossings != 2:
-            continue
-        behind = False
-        for i in range(len(positions)):
-            behind = behind or positions[i, 0] * c + positions[i, 1] * s >= pool[q, 0]
-        if not behind:
-            gains[q] = edge_evidence(pool[q], ends[0], ends[1], positions, evidence, cell)
-    return gains
