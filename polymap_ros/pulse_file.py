@@ -52,9 +52,9 @@ def _read_wav(path: Path) -> NDArray[np.float64]:
     import scipy.io.wavfile
 
     _, samples = scipy.io.wavfile.read(path)
-    channel = samples if samples.ndim == 1 else samples[:, 0]
-    if channel.dtype == np.uint8:
-        return (channel.astype(np.float64) - 128.0) / 128.0
-    if channel.dtype.kind == 'i':
-        return channel.astype(np.float64) / -float(np.iinfo(channel.dtype).min)
-    return channel.astype(np.float64)
+    channel: NDArray[np.float64] = (samples if samples.ndim == 1 else samples[:, 0]).astype(np.float64)
+    if samples.dtype == np.uint8:
+        return (channel - 128.0) / 128.0
+    if samples.dtype.kind == 'i':
+        return channel / -float(np.iinfo(samples.dtype).min)
+    return channel

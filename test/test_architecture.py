@@ -18,7 +18,7 @@ SHARED = {'errors', 'parameters'}
 KNOWS = {
     'acoustics': {'jit'},
     'mapping': {'acoustics', 'jit'},
-    'simulation': {'acoustics', 'mapping', 'jit'},
+    'simulation': {'acoustics', 'mapping', 'jit', 'pulse_file'},
     'messages': {'acoustics', 'mapping'},
     'results': {'acoustics', 'mapping', 'atomic', 'version'},
     'recordings': {'acoustics', 'mapping', 'messages', 'results', 'atomic'},

@@ -129,7 +129,9 @@ def _solve(mapper: 'PolygonMapper', parameters: Parameters, name: str) -> 'Estim
     total = parameters.solver.iterations if parameters.solver.method == 'paper' else None
     mapper.begin_solve()
     with console.progress(f'{name}: solving', total) as advance:
-        while not mapper.advance(SLICE):
+        done = False
+        while not done:
+            done = mapper.advance(SLICE)
             advance(SLICE)
     assert mapper.estimate is not None
     return mapper.estimate

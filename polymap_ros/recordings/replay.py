@@ -96,7 +96,8 @@ class Replay:
         if self._mapper.add_pose(stamp_ns, pose, frame_id):
             self.odometry.used += 1
         else:
-            self.odometry.dropped['out_of_order'] += 1
+            same_frame = frame_id == self._mapper.frame_id
+            self.odometry.dropped['out_of_order' if same_frame else 'other_frame'] += 1
 
     def _feed_echo(self, entry: Entry) -> None:
         self.echoes += 1

@@ -15,8 +15,8 @@ def pgm(grid: Occupancy) -> bytes:
     pixels = np.full(grid.cells.shape, _UNKNOWN_PIXEL, dtype=np.uint8)
     pixels[grid.cells == FREE] = _FREE_PIXEL
     pixels[grid.cells == OCCUPIED] = _OCCUPIED_PIXEL
-    rows, columns = pixels.shape
-    return f'P5\n{columns} {rows}\n255\n'.encode() + pixels[::-1].tobytes()
+    height, width = grid.cells.shape
+    return f'P5\n{width} {height}\n255\n'.encode() + pixels[::-1].tobytes()
 
 
 def map_yaml(grid: Occupancy, image: str = 'map.pgm') -> bytes:

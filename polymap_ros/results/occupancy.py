@@ -90,4 +90,5 @@ def _crossed(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np
     touches = start + ordered[:, None] * along
     nudge = 1e-6 * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])
     around = (touches[:, None, :] + nudge).reshape(-1, 2)
-    return np.floor(np.concatenate([middles, around])).astype(np.int64)
+    cells: NDArray[np.int64] = np.floor(np.concatenate([middles, around])).astype(np.int64)
+    return cells

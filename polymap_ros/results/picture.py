@@ -16,8 +16,10 @@ _TRUTH = {'color': '#d62728', 'linestyle': (0, (5, 3)), 'linewidth': 1.8}
 _EDGE = {'color': '#2ca02c', 'linewidth': 2.2}
 _PATH = {'color': 'black', 'linewidth': 0.7, 'marker': 'o', 'markersize': 2.4}
 _ARROW = {'arrowstyle': '-|>', 'color': '#1f77b4', 'linewidth': 1.5, 'shrinkA': 0, 'shrinkB': 0}
-_RECTANGLE_M, _RECTANGLE_DEG = 0.04, 14.0
-"""Least size of the red rectangles, as a share of the range axis and in degrees: to be seen at any scale."""
+_RECTANGLE_M, _RECTANGLE_DEG = 0.05, 14.0
+"""Size of the red rectangles, as a share of the drawn range and in degrees."""
+_HEADROOM = 2.5
+"""The map is drawn up to so many times the range of the farthest edge: beyond is clutter of higher orders."""
 
 
 def require_matplotlib() -> None:
@@ -59,8 +61,12 @@ def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.flo
 
 
 def _title(estimate: Estimate, pings: int) -> str:
-    edges = f'{len(estimate.polygon.edges)} edges' if estimate.polygon else estimate.status
-    return f'{edges} from {pings} pings ({estimate.method})'
+    answer = {
+        'closed': f'{len(estimate.polygon.edges) if estimate.polygon else 0} edges',
+        'ambiguous': f'{len(estimate.alternatives)} polygons fit',
+        'open': 'no polygon closes',
+    }[estimate.status]
+    return f'{answer}, {pings} pings ({estimate.method})'
 
 
 def _draw_room(
@@ -85,8 +91,7 @@ def _draw_room(
     axes.grid(color='0.92', linewidth=0.6)
     axes.set_axisbelow(True)
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(handles.values(), handles.keys(), loc='upper center', bbox_to_anchor=(0.5, -0.13), ncols=3,
-                frameon=False, fontsize='small')
+    axes.figure.legend(handles.values(), handles.keys(), loc='outside lower left', ncols=4, frameon=False)
 
 
 def _draw_start(axes: Any, start: Pose) -> None:
@@ -104,6 +109,7 @@ def _draw_start(axes: Any, start: Pose) -> None:
 
 def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Estimate) -> None:
     from matplotlib.patches import Rectangle
+    from matplotlib.ticker import MultipleLocator
 
     beam_map = mapper.beam_map
     theta_deg, r_m = np.rad2deg(beam_map.theta_rad), beam_map.r_m
@@ -111,13 +117,18 @@ def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Esti
     extent = (theta_deg[0] - half_deg, theta_deg[-1] + half_deg, r_m[0] - half_m, r_m[-1] + half_m)
     drawn = axes.imshow(beam_map.normalised().T, origin='lower', aspect='auto', extent=extent, cmap='viridis',
                         vmin=0.0, interpolation='nearest')
+    edges = (*(estimate.polygon.edges if estimate.polygon else ()), *estimate.walls)
+    if edges:
+        axes.set_ylim(extent[2], min(extent[3], _HEADROOM * max(edge.r for edge in edges)))
     span_deg = min(_RECTANGLE_DEG, 0.1 * (extent[1] - extent[0]))
-    span_m = _RECTANGLE_M * r_m[-1]
-    for edge in (*(estimate.polygon.edges if estimate.polygon else ()), *estimate.walls):
+    span_m = _RECTANGLE_M * (axes.get_ylim()[1] - extent[2])
+    for edge in edges:
         turns = np.rad2deg(edge.theta) + 360.0 * np.arange(-2, 3)
         for place in turns[(turns >= extent[0]) & (turns <= extent[1])]:
             axes.add_patch(Rectangle((place - span_deg / 2, edge.r - span_m / 2), span_deg, span_m, fill=False,
                                      edgecolor='red', linewidth=1.6, clip_on=True))
+    if extent[1] - extent[0] > 180.0:
+        axes.xaxis.set_major_locator(MultipleLocator(45.0))
     axes.set_xlabel(r'$\theta$ [deg]')
     axes.set_ylabel('r [m]')
     figure.colorbar(drawn, ax=axes, label=r'$\mathcal{L}_T(r, \theta)\,/\,$max', pad=0.02)

@@ -8,7 +8,7 @@ from typing import Any
 
 from polymap_ros import __version__
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
-from polymap_ros.mapping.mapper import PingCounts
+from polymap_ros.mapping.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters, Value
 
 FORMAT = 'polymap/1'
@@ -91,7 +91,7 @@ def _edge(edge: Edge) -> dict[str, Any]:
 
 
 def _number(value: float | None) -> float | None:
-    return float(value) if value is not None and math.isfinite(value) else None
+    return float(value) + 0.0 if value is not None and math.isfinite(value) else None  # + 0.0: no -0.0
 
 
 def _shown(name: str, value: Value) -> Value:

@@ -7,7 +7,7 @@ import shapely
 
 from polymap_ros.mapping.comparison import Comparison
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
-from polymap_ros.mapping.mapper import PingCounts
+from polymap_ros.mapping.ping_queue import PingCounts
 
 
 def summary(

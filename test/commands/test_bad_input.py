@@ -1,0 +1,300 @@
+"""Bad input: the message, the drop reason and the status that the contract promises, and nothing partial written."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from polymap_ros.recordings.writing import make
+
+FAST = ('-p', 'solver.iterations:=60')
+ODOMETRY, SCAN = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/LaserScan'
+N_PINGS = 60
+
+
+def refused(run, tmp_path, *arguments):
+    """The complaint of a run that ends with status 2 and leaves no trace."""
+    before = {path.name for path in tmp_path.iterdir()}
+    done = run('replay', *arguments, '--output', 'out', *FAST)
+    assert done.status == 2, done.err
+    assert done.out == ''
+    assert {path.name for path in tmp_path.iterdir()} == before
+    return done.complaint.removeprefix('polymap_replay: error: ')
+
+
+def pings(run, tmp_path, recording, *arguments, status=0):
+    """What became of the pings of a run."""
+    done = run('replay', recording, '--output', 'out', *arguments)
+    assert done.status == status, done.err
+    found = json.loads((tmp_path / 'out' / 'polygon.json').read_text())
+    counts = found['pings']
+    assert counts['received'] == counts['used'] + sum(counts['dropped'].values())
+    for reason, number in counts['dropped'].items():
+        assert f'{number} {reason}' in done.out
+    return counts, found, done
+
+
+def only(topic_to_change, change):
+    """Change one message after the other of a topic; None leaves it out."""
+    def rewrite(topic, index, message):
+        changed = change(index, message) if topic == topic_to_change else message
+        return [] if changed is None else [(topic, changed)]
+    return rewrite
+
+
+# What cannot be read
+
+def test_a_missing_recording(run, tmp_path):
+    assert refused(run, tmp_path, 'none') == 'none: no such recording'
+
+
+@pytest.mark.parametrize('name', ['broken.mcap', 'broken.db3', 'broken.txt'])
+def test_an_unreadable_recording(call, tmp_path, name):
+    (tmp_path / name).write_bytes(b'not a recording at all')
+    assert refused(call, tmp_path, name).startswith(f'{name}: cannot be read: ')
+
+
+def test_a_folder_that_is_no_recording(call, tmp_path):
+    (tmp_path / 'photos').mkdir()
+    assert 'photos: holds no metadata.yaml' in refused(call, tmp_path, 'photos')
+
+
+def test_a_recording_that_was_cut_off(call, triangle, tmp_path):
+    whole = (triangle / 'triangle.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(whole[:len(whole) // 2])
+    assert refused(call, tmp_path, 'cut.mcap').startswith('cut.mcap: ')
+
+
+def test_a_truth_that_is_none(call, altered, tmp_path):
+    path = altered(lambda topic, index, message: [(topic, message)])
+    (path / 'truth.json').write_text('{"vertices": "triangle"}')
+    assert 'truth.json: is no ground truth' in refused(call, tmp_path, path)
+
+
+# Topics
+
+def test_a_missing_echo_topic_names_the_candidates(run, altered, tmp_path):
+    names = {'/odom': '/odom', '/echo': '/sonar'}
+    path = altered(lambda topic, index, message: [(names[topic], message)])
+    assert refused(run, tmp_path, path) == (
+        f'{path}: no topic /echo; topics of type {SCAN}: /sonar (choose with -p topics.echo:=/sonar)')
+    assert pings(run, tmp_path, path, *FAST, '-p', 'topics.echo:=/sonar')[0]['used'] == N_PINGS
+
+
+def test_no_odometry_at_all(call, altered, tmp_path):
+    path = altered(only('/odom', lambda index, message: None))
+    assert refused(call, tmp_path, path) == (
+        f'{path}: no topic /odom; no other topic is of type {ODOMETRY}; recorded: /echo ({SCAN})')
+
+
+def test_an_empty_echo_topic(call, triangle, altered, tmp_path):
+    path = altered(only('/echo', lambda index, message: None if index else message))
+    assert 'no message of /echo between --start and --end; the recording is' in refused(
+        call, tmp_path, path, '--start', '20')
+
+
+def test_odometry_of_the_wrong_type(call, altered, tmp_path):
+    pose = make('geometry_msgs/msg/PoseStamped')
+    path = altered(only('/odom', lambda index, message: pose))
+    assert f'topic /odom is of type geometry_msgs/msg/PoseStamped, not {ODOMETRY}' in refused(call, tmp_path, path)
+
+
+def test_echoes_of_the_wrong_type(call, triangle, tmp_path):
+    cloud = 'sensor_msgs/msg/PointCloud2'
+    assert f'topic /echo is of type {SCAN}, not {cloud}' in refused(
+        call, tmp_path, triangle, '-p', f'echo.type:={cloud}')
+
+
+def test_odometry_without_a_finite_pose(call, altered, tmp_path):
+    def spoil(index, message):
+        message.pose.pose.position.x = np.nan
+        return message
+
+    path = altered(only('/odom', spoil))
+    assert 'messages of /odom can be used' in refused(call, tmp_path, path)
+
+
+# Single bad messages are dropped and counted
+
+def changed_samples(make_samples):
+    def change(message):
+        return dataclasses.replace(message, intensities=make_samples(np.array(message.intensities)))
+    return change
+
+
+def with_value(value):
+    def change(samples):
+        samples[100] = value
+        return samples
+    return changed_samples(change)
+
+
+SPOILT = {
+    'nan': (with_value(np.nan), 'bad_samples'),
+    'infinite': (with_value(np.inf), 'bad_samples'),
+    'silent': (changed_samples(np.zeros_like), 'bad_samples'),
+    'empty': (changed_samples(lambda samples: samples[:0]), 'bad_shape'),
+    'three_samples': (changed_samples(lambda samples: samples[:3]), 'too_short'),
+    'lidar': (lambda message: dataclasses.replace(message, ranges=np.ones(10, np.float32)), 'wrong_type'),
+    'period_zero': (lambda message: dataclasses.replace(message, time_increment=0.0), 'bad_shape'),
+    'period_nan': (lambda message: dataclasses.replace(message, time_increment=np.nan), 'bad_shape'),
+}
+
+
+@pytest.mark.parametrize('fault', SPOILT)
+def test_a_bad_ping_is_dropped_and_counted(call, altered, tmp_path, fault):
+    change, reason = SPOILT[fault]
+    path = altered(only('/echo', lambda index, message: change(message) if index in (7, 30) else message))
+    counts, _, _ = pings(call, tmp_path, path, *FAST)
+    assert counts == {'received': N_PINGS, 'used': N_PINGS - 2, 'dropped': {reason: 2}}
+
+
+def test_a_period_that_contradicts_the_parameter(call, altered, tmp_path):
+    path = altered(only('/echo', lambda index, message: dataclasses.replace(message, time_increment=2e-6)
+                        if index == 5 else message))
+    counts, _, _ = pings(call, tmp_path, path, *FAST, '-p', 'echo.sample_period_s:=1.0e-6')
+    assert counts['dropped'] == {'bad_shape': 1}
+
+
+def test_pings_outside_the_odometry(call, altered, tmp_path):
+    path = altered(only('/odom', lambda index, message: message if 100 < index < 300 else None))
+    counts, _, _ = pings(call, tmp_path, path, *FAST)
+    assert counts['received'] == N_PINGS
+    assert counts['dropped'].keys() == {'no_pose'}
+    assert counts['used'] > 0
+
+
+def test_a_gap_in_the_odometry(call, altered, tmp_path):
+    path = altered(only('/odom', lambda index, message: None if 100 < index < 160 else message))
+    counts, _, _ = pings(call, tmp_path, path, *FAST)
+    assert counts['dropped'].keys() == {'pose_gap'}
+
+
+def test_stamps_out_of_order(call, altered, tmp_path):
+    """Odometry that goes back is not taken and said so; the pings do not suffer."""
+    def swap(index, message):
+        stamp = message.header.stamp
+        return dataclasses.replace(message, header=dataclasses.replace(
+            message.header, stamp=dataclasses.replace(stamp, sec=stamp.sec - 5))) if index in (150, 151) else message
+
+    path = altered(only('/odom', swap))
+    counts, found, done = pings(call, tmp_path, path, *FAST)
+    assert counts['used'] == N_PINGS
+    (warning,) = found['warnings']
+    assert warning['code'] == 'odometry_dropped'
+    assert warning['text'].endswith('messages dropped: 2 out_of_order')
+    assert warning['text'] in done.out
+
+
+def test_a_ping_that_comes_twice(call, altered, tmp_path):
+    def twice(topic, index, message):
+        return [(topic, message)] * (2 if topic == '/echo' and index == 9 else 1)
+
+    counts, _, _ = pings(call, tmp_path, altered(twice), *FAST)
+    assert counts == {'received': N_PINGS + 1, 'used': N_PINGS, 'dropped': {'duplicate': 1}}
+
+
+# Readable, but no polygon
+
+def test_every_ping_dropped(call, altered, tmp_path):
+    path = altered(only('/echo', lambda index, message: SPOILT['lidar'][0](message)))
+    counts, found, done = pings(call, tmp_path, path, *FAST, '--save-map', status=1)
+    assert counts == {'received': N_PINGS, 'used': 0, 'dropped': {'wrong_type': N_PINGS}}
+    assert (found['status'], found['vertices'], found['edges']) == ('open', [], [])
+    assert 'all pings were dropped, most as wrong_type: echo has 10 ranges: that is a lidar scan' in done.complaint
+    assert (tmp_path / 'out' / 'beam_map.npz').exists()
+    assert not (tmp_path / 'out' / 'map.pgm').exists()
+
+
+def test_too_few_pings(run, altered, tmp_path):
+    path = altered(only('/echo', lambda index, message: message if index < 2 else None))
+    counts, found, done = pings(run, tmp_path, path, *FAST, status=1)
+    assert counts['used'] == 2
+    assert (found['status'], [each['code'] for each in found['warnings']]) == ('open', ['too_few_pings'])
+    assert 'no polygon closes: 2 pings could be used' in done.complaint
+
+
+@pytest.mark.parametrize('method', ['paper', 'rectangle'])
+def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
+    """The robot stands at a wall's distance on y = 0.3: mirror images cannot be told apart."""
+    def straighten(index, message):
+        message.pose.pose.position.y = 0.3
+        message.pose.pose.position.x = 0.4 + 0.0003 * index
+        message.pose.pose.orientation.z, message.pose.pose.orientation.w = 0.0, 1.0
+        return message
+
+    path = altered(only('/odom', straighten))
+    counts, found, done = pings(call, tmp_path, path, *FAST, '-p', f'solver.method:={method}', status=1)
+    assert counts['used'] == N_PINGS
+    assert found['status'] in ('open', 'ambiguous')
+    assert (found['vertices'], found['edges']) == ([], [])
+    assert [each['code'] for each in found['warnings']] == ['straight_path']
+    assert 'no polygon closes: ' in done.complaint
+    assert 'mirror images' in done.complaint
+    assert 'drive a turn' in done.complaint
+
+
+# Parameters and usage
+
+@pytest.mark.parametrize(('override', 'text'), [
+    ('grid.range_stp_m:=0.01', 'parameter grid.range_stp_m: unknown; did you mean grid.range_step_m?'),
+    ('grid.range_step_m:=-1', 'parameter grid.range_step_m: -1.0 is out of range; allowed: double in (0, inf) m'),
+    ('grid.range_step_m:=.nan', 'parameter grid.range_step_m: nan is out of range; allowed: double in (0, inf) m'),
+    ('solver.max_edges:=2.5', 'parameter solver.max_edges: 2.5 is of type float; allowed: integer in [3, 64]'),
+    ('solver.method:=evidence', "parameter solver.method: 'evidence' is not known; allowed: paper | rectangle"),
+    ('solver.seed=3', 'parameter solver.seed=3: expected name:=value'),
+    ('solver.seed:=[', "parameter solver.seed: '[' is not a YAML value"),
+    ('map.resolution_m:=1.0e-6', 'parameter map.resolution_m: 1e-06 makes a map of'),
+])
+def test_a_wrong_parameter(call, triangle, tmp_path, override, text):
+    assert refused(call, tmp_path, triangle, '-p', override).startswith(text)
+
+
+@pytest.mark.parametrize(('content', 'text'), [
+    (None, 'cannot be read: No such file or directory'),
+    ('a: [', 'is not YAML'),
+    ('[1, 2]', 'is not a ROS parameter file'),
+    ('other_node: {ros__parameters: {}}', 'has no polymap_node or /** key, only other_node'),
+    ('polymap_node: {ros__parameters: {grid: {rnge: 1.0}}}', 'parameter grid.rnge: unknown'),
+    ('polymap_node: {ros__parameters: {pulse: {kind: file, path: p.npy}}}', 'parameter pulse.path: '),
+])
+def test_a_wrong_parameter_file(run, triangle, tmp_path, content, text):
+    if content is not None:
+        (tmp_path / 'p.yaml').write_text(content)
+    assert text in refused(run, tmp_path, triangle, '--params-file', 'p.yaml')
+
+
+@pytest.mark.parametrize('span', [('--start', '-1'), ('--start', '5', '--end', '5'), ('--end', '0'),
+                                  ('--start', 'nan'), ('--end', 'nan')])
+def test_a_span_that_is_none(call, triangle, tmp_path, span):
+    assert 'allowed: 0 <= start < end' in refused(call, tmp_path, triangle, *span)
+
+
+def test_a_span_beyond_the_recording(call, triangle, tmp_path):
+    complaint = refused(call, tmp_path, triangle, '--start', '1e30')
+    assert 'no message of /odom between --start and --end' in complaint
+
+
+@pytest.mark.parametrize('arguments', [(), ('--frobnicate', 'x'), ('x', '--start', 'soon')])
+def test_wrong_usage_is_one_line(run, tmp_path, arguments):
+    done = run('replay', *arguments)
+    assert done.status == 2
+    assert done.complaint.endswith('(see polymap_replay --help)')
+    assert done.err.count('\n') == 1
+
+
+def test_a_state_that_is_none(call, triangle, tmp_path):
+    (tmp_path / 'state.npz').write_bytes(b'nothing')
+    assert 'state.npz: is no saved state' in refused(call, tmp_path, triangle, '-p', 'output.load_path:=state.npz')
+
+
+def test_a_result_folder_that_cannot_be_made(call, triangle, tmp_path):
+    (tmp_path / 'file').write_text('in the way')
+    done = call('replay', triangle, '--output', 'file', *FAST)
+    assert (done.status, done.complaint) == (2, 'polymap_replay: error: file: File exists')
+    assert (tmp_path / 'file').read_text() == 'in the way'
+    done = call('replay', triangle, '--output', 'file/out', *FAST)
+    assert done.status == 2
+    assert done.complaint.startswith('polymap_replay: error: file')
+    assert [path.name for path in tmp_path.iterdir()] == ['file']

@@ -1,0 +1,206 @@
+"""polymap_replay as a user runs it: files, summary, options, exit status."""
+
+import json
+import shutil
+import signal
+import time
+
+import numpy as np
+import pytest
+import shapely
+import yaml
+from rosbags.highlevel import AnyReader
+
+from polymap_ros.parameters import Parameters
+
+FAST = ('-p', 'solver.iterations:=60')
+
+
+def read_json(path):
+    def refuse(name):
+        raise AssertionError(f'{name} is not JSON')
+
+    return json.loads(path.read_text(encoding='utf-8'), parse_constant=refuse)
+
+
+def test_the_triangle_is_found(run, triangle, tmp_path):
+    done = run('replay', triangle, '--output', 'out')
+    assert done.status == 0, done.err
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'}
+    assert 'closed: 3 edges' in done.out
+    assert 'against the truth: 3 edges of 3, right' in done.out
+    assert 'triangle: reading: 100%' in done.err
+    assert 'triangle: solving: 100%' in done.err
+
+    found = read_json(tmp_path / 'out' / 'polygon.json')
+    truth = np.array(read_json(triangle / 'truth.json')['vertices'])
+    assert (found['format'], found['status'], found['frame_id'], found['method']) == (
+        'polymap/1', 'closed', 'odom', 'paper')
+    assert found['pings'] == {'received': 60, 'used': 60, 'dropped': {}}
+    assert (found['walls'], found['alternatives'], found['warnings']) == ([], [], [])
+    assert found['parameters'] == Parameters().flat()
+    vertices = np.array(found['vertices'])
+    room = shapely.Polygon(vertices)
+    assert room.exterior.is_ccw
+    assert room.intersection(shapely.Polygon(truth)).area / room.union(shapely.Polygon(truth)).area > 0.98
+    for edge, a, b in zip(found['edges'], vertices, np.roll(vertices, -1, axis=0), strict=True):
+        normal = np.array([np.cos(edge['theta']), np.sin(edge['theta'])])
+        np.testing.assert_allclose([normal @ a, normal @ b], edge['r'], atol=1e-9)  # edge i from vertex i to i + 1
+        assert normal @ vertices.mean(axis=0) < edge['r']  # the normal points outward
+        assert 0.0 < edge['likelihood'] <= 1.0
+        assert (edge['r_std'], edge['theta_std']) == (None, None)
+        assert 0 < edge['pings'] <= 60
+
+
+def test_the_same_recording_gives_the_same_bytes_in_any_layout(call, triangle, altered, tmp_path):
+    bare = shutil.copy(triangle / 'triangle.mcap', tmp_path / 'bare.mcap')
+    sqlite = altered(lambda topic, index, message: [(topic, message)], storage='sqlite3')
+    for name, recording in {'a': triangle, 'b': triangle, 'c': bare, 'd': sqlite}.items():
+        assert call('replay', recording, '--output', name, '--save-map', *FAST).status == 0
+    for file in ('polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'beam_map.npz'):
+        contents = {(tmp_path / name / file).read_bytes() for name in 'abcd'}
+        assert len(contents) == 1, file
+    assert str(tmp_path) not in (tmp_path / 'a' / 'polygon.json').read_text()
+
+
+def test_everything_that_can_be_asked_for(call, triangle, tmp_path):
+    done = call('replay', triangle, '--output', 'out', '--plot', '--record', '--save-map', *FAST)
+    assert done.status == 0, done.err
+    out = tmp_path / 'out'
+    assert {path.name for path in out.iterdir()} == {
+        'polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'polygon.png', 'result.mcap', 'beam_map.npz'}
+    assert (out / 'polygon.png').read_bytes().startswith(b'\x89PNG')
+    found = read_json(out / 'polygon.json')
+
+    with np.load(out / 'beam_map.npz', allow_pickle=False) as arrays:
+        values, r_m, theta_rad = arrays['map'], arrays['r_m'], arrays['theta_rad']
+        x, y, yaw = arrays['start_pose']
+    assert (values.shape, values.dtype) == ((360, 601), np.float32)
+    for edge in found['edges']:  # seen from the start pose, the map has each edge's likelihood at its place
+        row = round(np.rad2deg(edge['theta'] - yaw)) % 360
+        column = round((edge['r'] - x * np.cos(edge['theta']) - y * np.sin(edge['theta'])) / 0.005)
+        assert values[row, column] / values.max() == pytest.approx(edge['likelihood'], rel=1e-5)
+    np.testing.assert_allclose(r_m, np.arange(601) * 0.005, atol=1e-12)
+    np.testing.assert_allclose(theta_rad, np.deg2rad(np.arange(360)))
+
+    with AnyReader([out / 'result.mcap']) as reader:
+        counts = {name: info.msgcount for name, info in reader.topics.items()}
+        last = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+    with AnyReader([triangle]) as reader:
+        assert counts['/odom'] == reader.topics['/odom'].msgcount
+    outputs = ('/polymap_node/polygon', '/polymap_node/markers', '/polymap_node/beam_map', '/polymap_node/map')
+    assert counts.keys() == {'/odom', *outputs}
+    points = last['/polymap_node/polygon'].polygon.points
+    np.testing.assert_allclose([[p.x, p.y] for p in points], found['vertices'], atol=1e-6)
+    assert last['/polymap_node/polygon'].header.frame_id == 'odom'
+    beam_map = last['/polymap_node/beam_map']
+    assert beam_map.header.frame_id == 'polymap_node/start'
+    np.testing.assert_array_equal(beam_map.data.view(np.float32).reshape(values.shape), values)
+    grid = last['/polymap_node/map']
+    description = yaml.safe_load((out / 'map.yaml').read_text())
+    assert (grid.info.origin.position.x, grid.info.origin.position.y) == tuple(description['origin'][:2])
+    assert set(np.unique(grid.data)) == {-1, 0, 100}
+
+
+def test_results_of_an_earlier_run_are_replaced(call, triangle, tmp_path):
+    assert call('replay', triangle, '--output', 'out', '--plot', '--save-map', *FAST).status == 0
+    (tmp_path / 'out' / 'notes.txt').write_text('mine')
+    assert call('replay', triangle, '--output', 'out', *FAST).status == 0
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
+        'polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'notes.txt'}
+
+
+def test_the_default_folder_is_the_output_parameter(call, triangle, tmp_path):
+    assert call('replay', triangle, *FAST).status == 0
+    assert (tmp_path / 'polymap' / 'polygon.json').exists()
+    assert call('replay', triangle, '-p', 'output.dir:=there', *FAST).status == 0
+    assert (tmp_path / 'there' / 'polygon.json').exists()
+
+
+def test_parameters_come_from_the_file_and_then_from_the_command_line(call, triangle, tmp_path):
+    (tmp_path / 'p.yaml').write_text('polymap_node: {ros__parameters: {solver: {iterations: 7, seed: 3}}}')
+    done = call('replay', triangle, '--output', 'out', '--params-file', 'p.yaml', '-p', 'solver.iterations:=60',
+               '-p', 'grid.range_step_m:=0.01')
+    assert done.status == 0, done.err
+    used = read_json(tmp_path / 'out' / 'polygon.json')['parameters']
+    assert (used['solver.iterations'], used['solver.seed'], used['grid.range_step_m']) == (60, 3, 0.01)
+
+
+def test_a_span_of_the_recording(call, triangle, tmp_path):
+    done = call('replay', triangle, '--output', 'out', '--start', '5', '--end', '20', *FAST)
+    assert done.status in (0, 1)
+    pings = read_json(tmp_path / 'out' / 'polygon.json')['pings']
+    assert 25 <= pings['received'] <= 31  # a ping every half second
+    assert pings['used'] + sum(pings['dropped'].values()) == pings['received']
+
+
+def test_several_recordings_have_a_folder_each_and_the_highest_status(run, triangle, tmp_path):
+    bare = shutil.copy(triangle / 'triangle.mcap', tmp_path / 'bare.mcap')
+    done = run('replay', triangle, bare, 'none.mcap', '--output', 'out', *FAST)
+    assert done.status == 2
+    assert done.complaint == 'polymap_replay: error: none.mcap: no such recording'
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {'triangle', 'bare'}
+    same = [(tmp_path / 'out' / name / 'polygon.json').read_bytes() for name in ('triangle', 'bare')]
+    assert same[0] == same[1]
+
+
+def test_two_recordings_of_one_name_are_refused(call, triangle, tmp_path):
+    shutil.copy(triangle / 'triangle.mcap', tmp_path / 'triangle.mcap')
+    done = call('replay', triangle, 'triangle.mcap', '--output', 'out')
+    assert done.status == 2
+    assert '2 recordings are called triangle' in done.complaint
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_saved_state_is_continued(call, triangle, tmp_path):
+    """Two halves one after the other give the map of the whole."""
+    with AnyReader([triangle]) as reader:
+        middle_s = (reader.duration // 2) * 1e-9
+    assert call('replay', triangle, '--output', 'whole', '--save-map', *FAST).status == 0
+    call('replay', triangle, '--output', 'first', '--end', middle_s, *FAST)
+    done = call('replay', triangle, '--output', 'second', '--start', middle_s, '--save-map',
+               '-p', 'output.load_path:=first/state.npz', *FAST)
+    assert done.status == 0, done.err
+    whole, second = (read_json(tmp_path / name / 'polygon.json') for name in ('whole', 'second'))
+    assert second['pings'] == whole['pings']
+    maps = [np.load(tmp_path / name / 'beam_map.npz')['map'] for name in ('whole', 'second')]
+    np.testing.assert_allclose(maps[0], maps[1], rtol=0, atol=1e-5 * maps[0].max())
+
+
+def test_without_truth_nothing_is_compared(call, triangle, tmp_path):
+    shutil.copy(triangle / 'triangle.mcap', tmp_path / 'bare.mcap')
+    done = call('replay', 'bare.mcap', '--output', 'out', *FAST)
+    assert 'truth' not in done.out
+    assert done.status == 0
+
+
+@pytest.mark.parametrize('moment', ['reading', 'solving'])
+def test_ctrl_c_ends_with_130_and_writes_nothing(start, triangle, tmp_path, moment):
+    process = start('replay', triangle, '--output', 'out', '-p', 'solver.iterations:=100000000')
+    seen, deadline = b'', time.monotonic() + 120.0
+    while f'triangle: {moment}'.encode() not in seen and time.monotonic() < deadline:
+        seen += process.stderr.read1(4096)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 130, seen + err
+    assert b'Traceback' not in seen + err
+    assert err.decode().splitlines()[-1] == 'polymap_replay: interrupted'
+    assert out == b''
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_help_names_every_option(run):
+    done = run('replay', '--help')
+    assert done.status == 0
+    for option in ('--params-file', '-p', '--output', '--start', '--end', '--plot', '--record', '--save-map'):
+        assert option in done.out
+    assert 'the parameter output.dir, which is polymap' in ' '.join(done.out.split())
+
+
+def test_a_reader_of_the_summary_may_leave(start, triangle, tmp_path):
+    process = start('replay', triangle, '--output', 'out', *FAST)
+    process.stdout.close()
+    err = process.stderr.read()
+    assert process.wait(timeout=60) == 0
+    assert b'Error' not in err
+    assert (tmp_path / 'out' / 'polygon.json').exists()

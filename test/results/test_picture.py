@@ -1,0 +1,76 @@
+"""The picture can be drawn of every answer, and shows what belongs in it."""
+
+import io
+import sys
+
+import numpy as np
+import pytest
+
+from polymap_ros.errors import UsageError
+from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.parameters import Parameters
+from polymap_ros.results import picture
+
+pytest.importorskip('matplotlib')
+
+TRUTH = np.array([[3.0, 4.0]]) + np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+RED, GREEN, FRAME_RED = (214, 39, 40), (44, 160, 44), (255, 0, 0)
+
+
+def pixels(content):
+    from matplotlib.image import imread
+
+    image = imread(io.BytesIO(content), format='png')
+    return (255.0 * image[:, :, :3]).round().astype(int)
+
+
+def count(image, color):
+    return int(np.sum(np.all(abs(image - color) <= 3, axis=2)))
+
+
+def halves(content):
+    image = pixels(content)
+    return image[:, :image.shape[1] // 2], image[:, image.shape[1] // 2:]
+
+
+def test_truth_edges_and_rectangles_are_drawn(mapper):
+    assert mapper.estimate.status == 'closed'
+    room, beam_map = halves(picture.picture_png(mapper, mapper.estimate, TRUTH))
+    assert min(count(room, RED), count(room, GREEN)) > 200
+    assert count(beam_map, FRAME_RED) > 100
+    assert count(room, FRAME_RED) == 0
+
+
+def test_without_truth_there_is_no_red_in_the_room(mapper):
+    room, _ = halves(picture.picture_png(mapper, mapper.estimate))
+    assert count(room, RED) == 0
+    assert count(room, GREEN) > 200
+
+
+def test_the_same_answer_gives_the_same_bytes(mapper):
+    assert picture.picture_png(mapper, mapper.estimate) == picture.picture_png(mapper, mapper.estimate)
+
+
+@pytest.mark.parametrize('estimate', [
+    Estimate('ambiguous', 'paper', alternatives=(Candidate(TRUTH, (Edge(1.0, 0.0, 1.0),) * 4),) * 2),
+    Estimate('open', 'paper', walls=(Edge(3.5, 0.0, 1.0), Edge(-3.5, np.pi / 2, 1.0))),
+    Estimate('open', 'paper'),
+])
+def test_other_answers(mapper, estimate):
+    room, beam_map = halves(picture.picture_png(mapper, estimate))
+    drawn = bool(estimate.alternatives or estimate.walls)
+    assert (count(room, GREEN) > 100) == drawn
+    assert (count(beam_map, FRAME_RED) > 0) == bool(estimate.walls)
+
+
+def test_a_mapper_that_has_heard_nothing():
+    silent = PolygonMapper(Parameters().replaced({'grid.angle_step_deg': 10.0}))
+    silent.solve()
+    assert pixels(picture.picture_png(silent, silent.estimate)).shape[2] == 3
+
+
+def test_matplotlib_missing_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'matplotlib', None)
+    with pytest.raises(UsageError, match=r"pip install 'polymap_ros\[plot\]'"):
+        picture.require_matplotlib()

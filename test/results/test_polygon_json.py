@@ -1,0 +1,75 @@
+"""polygon.json holds to the contract, whatever the answer."""
+
+import dataclasses
+import json
+
+import numpy as np
+
+from polymap_ros import __version__
+from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.mapping.ping_queue import PingCounts
+from polymap_ros.parameters import Parameters
+from polymap_ros.results.polygon_json import encode, polygon_document
+
+EDGE = Edge(r=0.5, theta=np.float64(-1.5), likelihood=np.float32(0.25), r_std=1e-4, theta_std=np.nan, pings=np.int64(7))
+SQUARE = Candidate(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (EDGE,) * 4)
+CLOSED = Estimate('closed', 'paper', stamp_ns=12, polygon=SQUARE, cost=-1.5, iou_free_area=0.9)
+COUNTS = PingCounts(received=10, used=7, dropped={'stale': 1, 'no_pose': 2})
+
+
+def written(estimate, parameters=None, cautions=()):
+    def refuse(name):
+        raise AssertionError(f'{name} is not JSON')
+
+    document = polygon_document(estimate, 'odom', COUNTS, parameters or Parameters(), cautions)
+    return json.loads(encode(document), parse_constant=refuse)
+
+
+def test_the_keys_are_those_of_the_contract():
+    found = written(CLOSED)
+    assert list(found) == ['format', 'status', 'frame_id', 'stamp_ns', 'method', 'vertices', 'edges', 'walls',
+                           'alternatives', 'cost', 'iou_free_area', 'pings', 'warnings', 'parameters', 'software']
+    assert (found['format'], found['status'], found['frame_id'], found['stamp_ns'], found['method']) == (
+        'polymap/1', 'closed', 'odom', 12, 'paper')
+    assert found['vertices'] == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+    assert found['edges'] == 4 * [
+        {'r': 0.5, 'theta': -1.5, 'likelihood': 0.25, 'r_std': 1e-4, 'theta_std': None, 'pings': 7}]
+    assert (found['cost'], found['iou_free_area']) == (-1.5, 0.9)
+    assert found['pings'] == {'received': 10, 'used': 7, 'dropped': {'no_pose': 2, 'stale': 1}}
+    assert list(found['pings']['dropped']) == ['no_pose', 'stale']
+    assert found['software'] == {'polymap_ros': __version__}
+    assert found['parameters'] == Parameters().flat()
+
+
+def test_an_ambiguous_answer_has_alternatives_only():
+    found = written(Estimate('ambiguous', 'paper', alternatives=(SQUARE, SQUARE), cautions=(Caution('a', 'b'),)),
+                    cautions=[Caution('c', 'd')])
+    assert (found['status'], found['vertices'], found['edges'], found['walls']) == ('ambiguous', [], [], [])
+    assert [list(each) for each in found['alternatives']] == 2 * [['vertices', 'edges']]
+    assert found['warnings'] == [{'code': 'a', 'text': 'b'}, {'code': 'c', 'text': 'd'}]
+    assert (found['cost'], found['iou_free_area']) == (None, None)
+
+
+def test_an_open_answer_has_walls_only_even_if_a_polygon_came_with_it():
+    found = written(dataclasses.replace(CLOSED, status='open', walls=(EDGE,)))
+    assert (found['vertices'], found['edges'], len(found['walls'])) == ([], [], 1)
+
+
+def test_what_is_not_finite_is_null_and_zero_has_no_sign():
+    found = written(dataclasses.replace(CLOSED, cost=np.inf, iou_free_area=-0.0))
+    assert found['cost'] is None
+    assert str(found['iou_free_area']) == '0.0'
+
+
+def test_no_paths_are_told():
+    parameters = Parameters().replaced({
+        'output.dir': '/home/me/maps', 'output.load_path': '../old/state.npz', 'pulse.path': '/data/pulse.npy'})
+    used = written(CLOSED, parameters)['parameters']
+    assert (used['output.dir'], used['output.load_path'], used['pulse.path']) == ('maps', 'state.npz', 'pulse.npy')
+
+
+def test_the_text_can_be_read_line_by_line():
+    lines = encode(polygon_document(CLOSED, 'odom', COUNTS, Parameters())).decode().splitlines()
+    assert '  [1.0, 0.0],' in lines
+    assert '  "grid.range_step_m": 0.005,' in lines
+    assert max(map(len, lines)) < 160
