@@ -1,0 +1,165 @@
+"""`polymap_evaluate`: experiments on simulated scenes; tables, figures, and a row per scene and run."""
+
+import argparse
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polymap_ros.commands import console
+
+if TYPE_CHECKING:
+    from polymap_ros.evaluation.trials import Trial
+
+PROGRAM = 'polymap_evaluate'
+_DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
+rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
+same scenes. Ranges are always estimated from the signals.'''
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point; returns the exit status."""
+    for library in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA'):  # one core per process, so that times can be compared
+        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
+    arguments = _parser().parse_args(argv)
+    experiment = {'paper': _paper, 'random': _random}[arguments.experiment]
+    return console.execute(PROGRAM, lambda: experiment(arguments))
+
+
+def _parser() -> console.Parser:
+    parser = console.Parser(PROGRAM, _DESCRIPTION)
+    parser.add_argument('experiment', choices=('paper', 'random'))
+    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='folder for results and figures')
+    parser.add_argument('--snr-db', type=_snr, default=0.0, metavar='X', help='per ping; none: no noise (default: 0)')
+    parser.add_argument('--jobs', type=_count, default=1, metavar='N', help='processes (default: 1)')
+    parser.add_argument('--method', type=_names, metavar='M,...',
+                        help='random: methods (default: solver.method); paper: methods to run once beside the published')
+    parser.add_argument('--repetitions', type=_count, metavar='N', help='paper: per scene (default: 10)')
+    parser.add_argument('--edges', type=_edges, metavar='A-B', help='random: numbers of edges (default: 3-8)')
+    parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
+                        help='random: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
+    parser.add_argument('--variant', metavar='V',
+                        help='random: what the scenes are like; an unknown name lists all (default: plate)')
+    console.add_parameter_arguments(parser)
+    return parser
+
+
+def _snr(text: str) -> float | None:
+    if text == 'none':
+        return None
+    value = float(text)
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text}: must be finite, or none')
+    return value
+
+
+def _count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError(f'{text}: must be at least 1')
+    return count
+
+
+def _names(text: str) -> list[str]:
+    return list(dict.fromkeys(text.split(',')))
+
+
+def _edges(text: str) -> range:
+    """``A-B``, both included, or a single number."""
+    first, _, last = text.partition('-')
+    numbers = range(int(first), int(last or first) + 1)
+    if not 3 <= numbers.start < numbers.stop <= 65:
+        raise argparse.ArgumentTypeError(f'{text}: must be A-B with 3 <= A <= B <= 64')
+    return numbers
+
+
+def _seeds(text: str) -> range:
+    """``A:B`` or ``A:B:STEP``, as in Python's range."""
+    seeds = range(*(int(part) for part in text.split(':', 2)))
+    if ':' not in text or len(seeds) == 0 or min(seeds) < 0:
+        raise argparse.ArgumentTypeError(f'{text}: must be A:B:STEP with at least one seed, none negative')
+    return seeds
+
+
+def _paper(arguments: argparse.Namespace) -> int:
+    from polymap_ros.evaluation import figures, tables
+    from polymap_ros.evaluation.paper_experiment import RECTANGLE, SIMULATED, PaperExperiment, by_scene
+
+    _refuse(arguments, 'edges', 'seeds', 'variant')
+    repetitions = arguments.repetitions or 10
+    experiment = PaperExperiment(repetitions, arguments.snr_db, console.read_parameters(arguments))
+    others = [(name, method) for method in arguments.method or [] if method != 'paper'
+              for name in (*SIMULATED, RECTANGLE) if (name, method) != (RECTANGLE, 'rectangle')]
+    for _, method in others:
+        experiment.parameters.replaced({'solver.method': method})
+    histories = by_scene(_run(experiment.run_one, experiment.jobs(), arguments.jobs, 'repetitions'))
+    baseline = experiment.run_once(RECTANGLE, 'rectangle')
+    trials = [history.trial for runs in histories.values() for history in runs]
+    trials += [baseline, *(experiment.run_once(*other) for other in others)]
+    rectangle = {RECTANGLE: histories.pop(RECTANGLE)}
+    _write(arguments.output, trials, tables.paper_table(trials), {
+        'fig3.png': figures.convergence_figure({name: histories[name] for name in SIMULATED}, {}),
+        'fig4b.png': figures.convergence_figure(rectangle, {RECTANGLE: baseline.iou}),
+    })
+    return console.DONE
+
+
+def _random(arguments: argparse.Namespace) -> int:
+    from polymap_ros.errors import UsageError
+    from polymap_ros.evaluation import figures, tables
+    from polymap_ros.evaluation.random_experiment import RandomExperiment, in_order
+    from polymap_ros.evaluation.variants import VARIANTS
+
+    _refuse(arguments, 'repetitions')
+    name, edges, seeds = arguments.variant or 'plate', arguments.edges or range(3, 9), arguments.seeds or range(10)
+    if name not in VARIANTS:
+        known = '; '.join(f'{other} ({variant.text})' for other, variant in VARIANTS.items())
+        raise UsageError(f'--variant {name}: known: {known}')
+    parameters = console.read_parameters(arguments)
+    methods = arguments.method or [parameters.solver.method]
+    for method in methods:
+        parameters.replaced({'solver.method': method})
+    experiment = RandomExperiment(name, seeds, edges, methods, arguments.snr_db, parameters)
+    done = _run(experiment.run_one, experiment.scenes(), arguments.jobs, 'scenes')
+    trials = in_order([trial for group in done for trial in group])
+    text = f'{tables.random_table(trials)}\n\nNot right, by seed:\n\n{tables.failures(trials)}'
+    noise = 'no noise' if arguments.snr_db is None else f'{arguments.snr_db:g} dB'
+    title = f'{VARIANTS[name].text}, {noise}'
+    _write(arguments.output, trials, text, {'success.png': figures.success_figure(trials, title)})
+    return console.DONE
+
+
+def _refuse(arguments: argparse.Namespace, *names: str) -> None:
+    from polymap_ros.errors import UsageError
+
+    for name in names:
+        if getattr(arguments, name) is not None:
+            raise UsageError(f'--{name} does not act in "{arguments.experiment}"')
+
+
+def _run(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], processes: int, unit: str) -> list[Any]:
+    from polymap_ros.evaluation.parallel import run_jobs
+
+    results = []
+    with console.progress('polymap_evaluate', len(jobs), unit) as advance:
+        for result in run_jobs(function, jobs, processes):
+            results.append(result)
+            advance(1)
+    return results
+
+
+def _write(folder: Path, trials: 'Sequence[Trial]', table: str, pictures: dict[str, Any]) -> None:
+    """Print the table; write it, results.csv and the pictures, each whole or not at all."""
+    from polymap_ros.atomic import move_into_place, staging
+    from polymap_ros.evaluation.tables import csv_text
+
+    with staging(folder / 'results.csv') as stage:
+        (stage / 'results.csv').write_text(csv_text(trials), encoding='utf-8')
+        (stage / 'table.md').write_text(f'{table}\n', encoding='utf-8')
+        for name, figure in pictures.items():
+            figure.savefig(stage / name, dpi=150)
+        for path in sorted(stage.iterdir()):
+            move_into_place(path, folder / path.name)
+    print(table)
+    print(f'\n{folder}: results.csv, table.md, {", ".join(pictures)}')

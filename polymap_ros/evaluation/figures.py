@@ -1,0 +1,70 @@
+"""The experiments as pictures."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from polymap_ros.evaluation.paper_experiment import History
+from polymap_ros.evaluation.tables import unique, wilson
+from polymap_ros.evaluation.trials import Trial
+
+_MARKS = 'osD^vP'
+
+
+def success_figure(trials: Sequence[Trial], title: str) -> Any:
+    """Share of right scenes over the number of edges, one line per method, with 95 % intervals."""
+    figure = _figure(5.6, 3.6)
+    axes = figure.subplots()
+    methods = unique(trial.method for trial in trials)
+    for index, method in enumerate(methods):
+        numbers = sorted(unique(trial.edges for trial in trials if trial.method == method))
+        groups = [[trial.right for trial in trials if trial.method == method and trial.edges == n] for n in numbers]
+        shares = np.array([np.mean(group) for group in groups])
+        bounds = np.array([wilson(sum(group), len(group)) for group in groups])
+        spread = np.abs(bounds.T - shares)
+        shift = 0.08 * (index - (len(methods) - 1) / 2.0)
+        axes.errorbar(np.array(numbers) + shift, 100.0 * shares, 100.0 * spread, marker=_MARKS[index % len(_MARKS)],
+                      capsize=3.0, label=method)
+    axes.set(xlabel='edges', ylabel='right [%]', ylim=(-4.0, 104.0), title=title,
+             xticks=sorted(unique(trial.edges for trial in trials)))
+    axes.grid(alpha=0.3)
+    axes.legend()
+    return figure
+
+
+def convergence_figure(histories: Mapping[str, Sequence[History]], baselines: Mapping[str, float]) -> Any:
+    """Cost, number of edges after the filter, and IoU with the truth over the iterations (Fig. 3 and Fig. 4b).
+
+    Parameters
+    ----------
+    histories : mapping from scene to histories
+        One column per scene; repetitions in blue, their median in red.
+    baselines : mapping from scene to float
+        IoU of the baseline, drawn as a black line.
+    """
+    figure = _figure(0.8 + 3.2 * len(histories), 6.0)
+    grid = figure.subplots(3, len(histories), sharex=True, squeeze=False)
+    for column, (name, runs) in zip(grid.T, histories.items(), strict=True):
+        for axes, quantity in zip(column, ('cost', 'edges', 'iou'), strict=True):
+            values = np.array([getattr(run, quantity) for run in runs], dtype=float)
+            iterations = np.arange(1, values.shape[1] + 1)
+            axes.plot(iterations, values.T, color='tab:blue', linewidth=0.7, alpha=0.6)
+            axes.plot(iterations, np.median(values, axis=0), color='tab:red', linewidth=1.6)
+            axes.grid(alpha=0.3)
+        if name in baselines:
+            column[2].axhline(baselines[name], color='black', linewidth=1.0)
+        true_edges = runs[0].true_edges
+        column[0].set_title(f'{name} ({true_edges} edges)')
+        column[1].set_yticks(range(0, 11, 2))
+        column[1].axhline(true_edges, color='gray', linewidth=0.8, linestyle=':')
+        column[2].set(ylim=(-0.03, 1.03), xlabel='iteration')
+    for axes, label in zip(grid[:, 0], ('cost, eq. (5)', 'edges after eq. (10)', 'IoU with the truth'), strict=True):
+        axes.set_ylabel(label)
+    return figure
+
+
+def _figure(width_in: float, height_in: float) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width_in, height_in), layout='constrained')

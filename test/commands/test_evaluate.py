@@ -1,0 +1,122 @@
+"""polymap_evaluate as a user calls it, on a few scenes."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from polymap_ros.commands.evaluate import _parser, main
+
+
+def rows(path):
+    with path.open(newline='') as file:
+        return list(csv.DictReader(file))
+
+
+def test_random_scenes_by_several_methods(tmp_path, capsys):
+    assert main(['random', '--method', 'paper,rectangle', '--edges', '3-4', '--seeds', '4:8:2', '--snr-db', '-3',
+                 '--output', str(tmp_path / 'out')]) == 0
+    out, err = capsys.readouterr()
+    results = rows(tmp_path / 'out' / 'results.csv')
+    assert [(row['seed'], row['edges'], row['method']) for row in results] == [
+        (seed, edges, method) for seed in '46' for edges in '34' for method in ('paper', 'rectangle')]
+    assert {row['snr_db'] for row in results} == {'-3'}
+    assert {row['status'] for row in results} == {'closed'}
+    assert all(0.0 <= float(row['iou']) <= 1.0 and float(row['seconds']) > 0.0 for row in results)
+    table = (tmp_path / 'out' / 'table.md').read_text()
+    assert table in out
+    assert '| paper | all | 4 |' in table
+    assert 'Not right, by seed' in table
+    assert (tmp_path / 'out' / 'success.png').stat().st_size > 5_000
+    assert '4/4' in err
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['results.csv', 'success.png', 'table.md']
+
+
+def test_the_same_run_gives_the_same_rows_in_one_process_and_in_two(tmp_path):
+    for name, jobs in (('one', '1'), ('two', '2')):
+        assert main(['random', '--edges', '3', '--seeds', '0:3', '--method', 'rectangle', '--jobs', jobs,
+                     '--output', str(tmp_path / name)]) == 0
+    one, two = ([{key: value for key, value in row.items() if key != 'seconds'}
+                 for row in rows(tmp_path / name / 'results.csv')] for name in ('one', 'two'))
+    assert one == two
+
+
+def test_the_paper_s_experiment(tmp_path, capsys):
+    assert main(['paper', '--repetitions', '2', '-p', 'solver.iterations:=60', '--output', str(tmp_path)]) == 0
+    results = rows(tmp_path / 'results.csv')
+    assert [(row['scene'], row['method'], row['run']) for row in results] == [
+        *((scene, 'paper', run) for scene in ('triangle', 'quadrilateral', 'pentagon', 'rectangle') for run in '12'),
+        ('rectangle', 'rectangle', '0')]
+    out = capsys.readouterr().out
+    assert '| triangle | paper | 2 |' in out
+    assert '| rectangle | rectangle | 1 |' in out
+    assert (tmp_path / 'fig3.png').stat().st_size > 20_000
+    assert (tmp_path / 'fig4b.png').stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(('arguments', 'word'), [
+    (['random', '--variant', 'wet'], 'air_chirp'),
+    (['random', '--method', 'guess'], 'solver.method'),
+    (['paper', '--method', 'guess'], 'solver.method'),
+    (['random', '--repetitions', '3'], '--repetitions'),
+    (['paper', '--seeds', '0:3'], '--seeds'),
+    (['random', '--variant', 'needle', '--edges', '4', '--seeds', '0:1'], 'needle with 4 edges'),
+])
+def test_wrong_use_is_one_line_and_status_2(tmp_path, capsys, arguments, word):
+    assert main([*arguments, '--output', str(tmp_path / 'out')]) == 2
+    last = capsys.readouterr().err.strip().splitlines()[-1]
+    assert last.startswith('polymap_evaluate: error: ')
+    assert word in last
+    assert not (tmp_path / 'out').exists()
+
+
+@pytest.mark.parametrize('arguments', [
+    ['random'], ['everything', '--output', 'x'], ['random', '--output', 'x', '--edges', '2-4'],
+    ['random', '--output', 'x', '--edges', '5-4'], ['random', '--output', 'x', '--seeds', '3'],
+    ['random', '--output', 'x', '--seeds', '3:3'], ['random', '--output', 'x', '--seeds', '0:9:0'],
+    ['random', '--output', 'x', '--jobs', '0'], ['random', '--output', 'x', '--snr-db', 'loud'],
+    ['random', '--output', 'x', '--snr-db', 'nan'],
+])
+def test_arguments_that_mean_nothing_are_refused(arguments, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert capsys.readouterr().err.count('\n') == 1
+
+
+def test_arguments_are_read_as_ranges():
+    arguments = _parser().parse_args(
+        ['random', '--output', 'x', '--edges', '3-8', '--seeds', '10:20:3', '--snr-db', 'none'])
+    assert list(arguments.edges) == [3, 4, 5, 6, 7, 8]
+    assert list(arguments.seeds) == [10, 13, 16, 19]
+    assert arguments.snr_db is None
+
+
+def test_interrupted_is_status_130_and_nothing_is_written(tmp_path):
+    command = [sys.executable, '-c', 'import sys; from polymap_ros.commands.evaluate import main; sys.exit(main())',
+               'random', '--seeds', '0:1000', '--edges', '3', '--jobs', '2', '--output', str(tmp_path / 'out')]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        deadline = time.monotonic() + 60.0
+        seen = ''
+        while 'polymap_evaluate:' not in seen and time.monotonic() < deadline:
+            seen += process.stderr.read(1)
+        os.killpg(process.pid, signal.SIGINT)
+        _, rest = process.communicate(timeout=60.0)
+    finally:
+        if process.poll() is None:
+            process.kill()
+    assert process.returncode == 130
+    assert rest.strip().splitlines()[-1] == 'polymap_evaluate: interrupted'
+    assert 'Traceback' not in rest
+    assert not (tmp_path / 'out').exists()
+
+
+def test_help_does_not_load_what_it_does_not_need():
+    code = ('import sys, polymap_ros.commands.evaluate as e; e._parser(); '
+            'print(sorted({"numpy", "numba", "scipy", "matplotlib", "tqdm"} & set(sys.modules)))')
+    assert subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True).stdout == '[]\n'

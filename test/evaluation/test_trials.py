@@ -1,0 +1,92 @@
+"""Trials on a real simulated scene, and how an answer is judged."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polymap_ros.evaluation.random_experiment import RandomExperiment, in_order
+from polymap_ros.evaluation.trials import filled_mapper, judged, run_trials
+from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.simulation.scene_file import load_scene
+
+EDGE = Edge(1.0, 0.0, 1.0)
+
+
+def answer(vertices):
+    return Estimate('closed', 'paper', polygon=Candidate(np.asarray(vertices), (EDGE,) * len(vertices)))
+
+
+def test_an_answer_is_judged_by_its_walls():
+    scene = load_scene('rectangle')
+    trial = judged(answer([[0, 0], [1.0, 0], [1.0, 0.752], [0, 0.752]]), scene, 'paper', 0.1, run=3)
+    assert (trial.scene, trial.edges, trial.estimated_edges, trial.run, trial.seconds) == ('rectangle', 4, 4, 3, 0.1)
+    assert trial.right
+    assert sorted(trial.offsets_m) == pytest.approx([0.0, 0.0, 0.0, 0.002], abs=1e-12)
+    assert trial.angles_deg == pytest.approx([0.0] * 4, abs=1e-9)
+    assert trial.iou == pytest.approx(0.75 / 0.752)
+    wide = judged(answer([[0, 0], [1.0, 0], [1.0, 0.756], [0, 0.756]]), scene, 'paper', 0.1)
+    assert not wide.right
+    assert judged(answer([[0, 0], [1.0, 0], [1.0, 0.756], [0, 0.756]]), scene, 'paper', 0.1, tolerance_m=0.01).right
+
+
+def test_a_missing_wall_has_no_error():
+    trial = judged(answer([[0, 0], [1.0, 0], [0, 0.75]]), load_scene('rectangle'), 'paper', 0.1)
+    assert (trial.estimated_edges, trial.right, len(trial.offsets_m), len(trial.angles_deg)) == (3, False, 3, 3)
+
+
+def test_no_polygon_is_wrong_and_has_no_errors():
+    trial = judged(Estimate('open', 'paper'), load_scene('rectangle'), 'paper', 0.1)
+    assert (trial.status, trial.right, trial.iou, trial.estimated_edges, trial.offsets_m) == ('open', False, 0.0, 0, ())
+    assert trial.row()['max_offset_m'] is None
+
+
+def test_several_methods_map_the_same_scene():
+    trials = run_trials(load_scene('rectangle'), ['paper', 'rectangle'], Parameters())
+    assert [(trial.method, trial.right) for trial in trials] == [('paper', True), ('rectangle', True)]
+    assert all(0.0 < trial.seconds < 60.0 for trial in trials)
+
+
+def test_ranges_come_from_the_signals():
+    """They are right where the echoes are clear and wrong where noise swamps them, though the scene knows the walls."""
+    scene = load_scene('rectangle')
+    x, y = scene.positions.T
+    true = np.min([x, 1.0 - x, y, 0.75 - y], axis=0)
+    for snr_db, least, most in ((None, 0.95, 1.0), (-60.0, 0.0, 0.15)):
+        mapper = filled_mapper(dataclasses.replace(scene, snr_db=snr_db), Parameters())
+        near = [abs(sounding.rho - range_m) < 0.01 for sounding, range_m in zip(mapper.soundings, true, strict=True)]
+        assert least <= np.mean(near) <= most
+
+
+def test_the_mapper_is_given_the_reported_positions():
+    scene = dataclasses.replace(load_scene('rectangle'), position_noise_m=0.02)
+    mapper = filled_mapper(scene, Parameters())
+    start = np.array([mapper.start_pose.x, mapper.start_pose.y])
+    np.testing.assert_allclose(start, scene.reported_poses()[0, :2], atol=1e-12)
+
+
+def test_a_random_experiment_runs_every_method_on_every_scene():
+    experiment = RandomExperiment('pings_20', range(5, 7), range(3, 5), ['rectangle', 'paper'], None, Parameters())
+    assert experiment.scenes() == [(5, 3), (5, 4), (6, 3), (6, 4)]
+    trials = in_order([trial for scene in experiment.scenes()[::-1] for trial in experiment.run_one(*scene)])
+    assert [(trial.seed, trial.edges, trial.method) for trial in trials] == [
+        (seed, edges, method) for seed in (5, 6) for edges in (3, 4) for method in ('paper', 'rectangle')]
+    assert {trial.snr_db for trial in trials} == {None}
+
+
+@pytest.mark.parametrize('name', VARIANTS)
+def test_variants_differ_from_the_plain_scene_as_their_name_says(name):
+    edges = 3 if name == 'needle' else 5
+    scene, plain = VARIANTS[name].make(11, edges), random_scene(11, edges)
+    assert len(scene.vertices) == edges
+    changed = {
+        'plate': False, 'pings_20': len(scene.poses) == 20, 'pings_40': len(scene.poses) == 40,
+        'lossy': scene.reflection.min() < 0.99, 'gain': scene.gain_range_db == 6.0,
+        'position_noise': scene.position_noise_m == 0.005, 'air': scene.pulse.frequency_hz == 20e3,
+        'air_chirp': scene.pulse.kind == 'chirp',
+    }.get(name, not np.allclose(scene.vertices, plain.vertices))
+    assert changed == (name != 'plate')
+    assert VARIANTS[name].tolerance_m == (0.01 if name.startswith('air') else 0.003)
