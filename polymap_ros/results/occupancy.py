@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.errors import ParameterError
@@ -60,11 +59,7 @@ def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occu
                                                  f'allowed: up to {MAX_CELLS:.0e}')
     cells = np.full((int(rows), int(columns)), UNKNOWN, dtype=np.int8)
     scaled = corners / resolution_m - low
-    x, y = np.arange(columns) + 0.5, np.arange(rows) + 0.5
-    room = shapely.Polygon(scaled)
-    shapely.prepare(room)
-    for row, height in enumerate(y):
-        cells[row, shapely.contains_xy(room, x, np.full_like(x, height))] = FREE
+    cells[_inside(scaled, cells.shape)] = FREE
     for start, end in zip(scaled, np.roll(scaled, -1, axis=0), strict=True):
         for column, row in _crossed(start, end):
             cells[row, column] = OCCUPIED
@@ -74,6 +69,17 @@ def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occu
 def occupancy_of(vertices: ArrayLike, parameters: Parameters) -> Occupancy:
     """The grid that the ``map`` parameters ask for."""
     return occupancy(vertices, parameters.map.resolution_m or parameters.grid.range_step_m, parameters.map.margin_m)
+
+
+def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Cells whose centre is inside: those with an odd number of edges to the left of it, in units of cells."""
+    inside = np.zeros(shape, dtype=bool)
+    x = np.arange(shape[1]) + 0.5
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        first, last = (int(np.ceil(height - 0.5)) for height in sorted((start[1], end[1])))
+        share = (np.arange(first, last) + 0.5 - start[1]) / (end[1] - start[1]) if last > first else np.empty(0)
+        inside[first:last] ^= x > (start[0] + share * (end[0] - start[0]))[:, None]
+    return inside
 
 
 def _crossed(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.int64]:
