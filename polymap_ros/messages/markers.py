@@ -15,6 +15,9 @@ from polymap_ros.messages.outputs import Make, header, pose_message
 ADD, DELETE_ALL = 0, 3
 LINE_STRIP, LINE_LIST, TEXT = 4, 5, 9
 
+MAX_PATH_POINTS = 1000
+"""A longer path is thinned: a message is built point by point."""
+
 Color = tuple[float, float, float, float]
 OUTLINE: Color = (1.0, 1.0, 1.0, 1.0)
 LINES: Color = (0.9, 0.3, 0.3, 0.6)
@@ -67,8 +70,9 @@ class Drawing:
 def drawing_of(mapper: PolygonMapper) -> Drawing:
     """What a mapper has to show now, moved from its start frame to the odometry's."""
     start = mapper.start_pose or Pose(0.0, 0.0)
-    path = np.array([[sounding.x, sounding.y] for sounding in mapper.soundings]).reshape(-1, 2)
-    boundary = mapper.free_area.shape.boundary
+    stride = max(1, -(-len(mapper.soundings) // MAX_PATH_POINTS))
+    path = np.array([[each.x, each.y] for each in mapper.soundings[::stride]]).reshape(-1, 2)
+    boundary = mapper.free_area.shape.boundary.simplify(0.5 * mapper.parameters.grid.range_step_m)
     rings = [np.asarray(ring.coords) for ring in getattr(boundary, 'geoms', [boundary]) if not ring.is_empty]
     return Drawing(mapper.frame_id, mapper.estimate, [start.apply(ring) for ring in rings], start.apply(path))
 

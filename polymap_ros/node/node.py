@@ -9,7 +9,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from polymap_ros.errors import BadOdometry, BadPing, ParameterError
+from polymap_ros.errors import BadOdometry, BadPing
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.messages.echoes import ping_from_message
@@ -24,10 +24,8 @@ from polymap_ros.parameters import NODE_NAME, Parameters
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.results.arrays import read_state
 
-BEAM_MAP_PERIOD_S = 1.0
 DIAGNOSTICS_PERIOD_S = 1.0
 AUTOSAVE_CHECK_S = 0.5
-HEARTBEAT_PERIOD_S = 10.0
 
 
 class PolymapNode(Node):  # type: ignore[misc]
@@ -57,12 +55,12 @@ class PolymapNode(Node):  # type: ignore[misc]
             self._mapper = PolygonMapper.from_state(parameters, state, pulse)
         else:
             self._mapper = PolygonMapper(parameters, pulse)
-        self._newest_ns: int | None = None
+        self._newest_ns = max((sounding.stamp_ns for sounding in self._mapper.soundings), default=None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._outputs = Outputs(self, self._mapper)
-        self._solving = SolveLoop(self, self._mapper, steady, self._publish)
-        self._solving.set_period(parameters.solver.period_s)
         self._live = LiveParameters(self, parameters, self._apply)
+        self._outputs = Outputs(self, self._mapper, steady, lambda: self._live.current)
+        self._solving = SolveLoop(self, self._mapper, steady, self._outputs.publish)
+        self._solving.set_period(parameters.solver.period_s)
         self._saver = Saver(self, self._mapper, lambda: self._live.current, pulse)
         self.create_timer(AUTOSAVE_CHECK_S, self._saver.autosave, clock=steady)
         self._watch_clock()
@@ -71,8 +69,6 @@ class PolymapNode(Node):  # type: ignore[misc]
         parts = Parts(self._odometry, self._echoes, self._mapper, self._solving, self._saver)
         self._diagnostics = Diagnostics(self, parts)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnostics.publish, clock=steady)
-        self.create_timer(BEAM_MAP_PERIOD_S, self._outputs.publish_beam_map, clock=steady)
-        self.create_timer(HEARTBEAT_PERIOD_S, self._outputs.repeat, clock=steady)
         self._offer_services()
         self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
 
@@ -131,12 +127,6 @@ class PolymapNode(Node):  # type: ignore[misc]
         else:
             self.get_logger().warning(f'{what}: what is older than the newest odometry is dropped '
                                       '(odometry.on_jump_back)', throttle_duration_sec=60.0)
-
-    def _publish(self) -> None:
-        try:
-            self._outputs.publish(self._live.current)
-        except ParameterError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=60.0)
 
     def _apply(self, parameters: Parameters) -> None:
         self._mapper.configure(parameters)

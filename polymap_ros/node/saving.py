@@ -100,7 +100,7 @@ class Saver:
         """Keep only the newest automatic save."""
         before, self._automatic_folder = self._automatic_folder, self._note(future)
         if before is not None and self._automatic_folder is not None:
-            shutil.rmtree(before, ignore_errors=True)
+            self._writer.submit(shutil.rmtree, before, ignore_errors=True)
 
     def _note(self, future: 'Future[Path]') -> Path | None:
         try:
