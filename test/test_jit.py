@@ -1,28 +1,46 @@
-"""Kernels are one code path: compiled where numba is there, plain Python with one warning where it is not."""
+"""Compiled kernels: cached, and never older than what they were compiled from."""
 
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
-from polymap_ros.acoustics import image_sources
-
-WITHOUT_NUMBA = """
-import sys
-sys.modules['numba'] = None
-from polymap_ros.acoustics.image_sources import trace_images, visible_images
-assert type(trace_images).__name__ == 'function'
-images = visible_images([(0, 0), (1, 0), (1.3, 0.7), (0.6, 1.2), (-0.2, 0.6)], (0.5, 0.4), 4)
-print(' '.join(f'{d:.17g}' for d in images.distance_m))
-"""
+CALLER = '''
+from callee import inner
+from polymap_ros.jit import kernel
 
 
-def test_compiled_and_plain_kernels_agree():
-    numba = pytest.importorskip('numba')
-    assert isinstance(image_sources.trace_images, numba.core.registry.CPUDispatcher)
-    run = subprocess.run([sys.executable, '-c', WITHOUT_NUMBA], capture_output=True, text=True, check=True, timeout=60)
-    plain = np.array(run.stdout.split(), dtype=float)
-    corners = [(0, 0), (1, 0), (1.3, 0.7), (0.6, 1.2), (-0.2, 0.6)]
-    assert plain == pytest.approx(image_sources.visible_images(corners, (0.5, 0.4), 4).distance_m, rel=1e-12)
-    assert run.stderr.count('numba is not installed') == 1
+@kernel
+def outer(x):
+    return inner(x) + 1.0
+
+
+@kernel
+def outermost(x):
+    return outer(x)
+'''
+CALLEE = '''
+from polymap_ros.jit import kernel
+
+
+@kernel
+def inner(x):
+    return {factor} * x
+'''
+
+
+def answer(folder, statement='print(caller.outermost(1.0))'):
+    done = subprocess.run([sys.executable, '-c', f'import caller; {statement}'], cwd=folder, capture_output=True,
+                          text=True, check=True)
+    return done.stdout.strip()
+
+
+def test_a_cached_kernel_expires_when_a_kernel_it_calls_has_changed(tmp_path):
+    pytest.importorskip('numba')
+    (tmp_path / 'caller.py').write_text(CALLER)
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='2.0'))
+    assert answer(tmp_path) == '3.0'
+    hits = 'caller.outermost(1.0); print(sum(caller.outermost.stats.cache_hits.values()))'
+    assert answer(tmp_path, hits) == '1'
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='5.00'))
+    assert answer(tmp_path) == '6.0'

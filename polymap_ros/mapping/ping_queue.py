@@ -129,10 +129,14 @@ class PingQueue:
         """Take over what `state` gave."""
         received, used = (int(number) for number in state['counts'])
         dropped = dict(zip(state['reasons'].tolist(), state['dropped'].tolist(), strict=True))
-        samples = np.asarray(state['waiting_samples'], float)
-        starts = np.concatenate(([0], state['waiting_ends']))[:-1]
-        rows = zip(state['waiting_ns'].tolist(), state['waiting_times'].tolist(), state['waiting_frames'].tolist(),
-                   starts.tolist(), state['waiting_ends'].tolist(), strict=True)
+        samples, times = np.asarray(state['waiting_samples'], float), np.asarray(state['waiting_times'], float)
+        starts = np.concatenate((np.zeros(1, np.int64), state['waiting_ends']))
+        if np.any(np.diff(starts) <= 0) or starts[-1] != samples.size:
+            raise StateError(f'the waiting pings do not share {samples.size} samples')
+        if not (np.all(np.isfinite(samples)) and np.all(np.isfinite(times)) and np.all(times[:, 0] > 0.0)):
+            raise StateError('the waiting pings are not finite')
+        rows = zip(state['waiting_ns'].tolist(), times.tolist(), state['waiting_frames'].tolist(),
+                   starts[:-1].tolist(), starts[1:].tolist(), strict=True)
         pings = [Ping(stamp_ns, samples[start:end].copy(), period_s, t0_s, first_m, last_m, frame)
                  for stamp_ns, (period_s, t0_s, first_m, last_m), frame, start, end in rows]
         if received != used + sum(dropped.values()) + len(pings):

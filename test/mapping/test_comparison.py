@@ -79,7 +79,8 @@ def test_as_many_walls_as_possible_are_matched_within_tolerance():
         found = compare(estimated, TRUE)
         within = np.sum((np.abs(found.offsets_m) <= 0.003) & (np.abs(found.angles_rad) <= np.deg2rad(0.5)))
         pairs = np.array([[_close(estimated, j, i) for j in range(5)] for i in range(5)])
-        assert within == max(sum(pairs[i, p] for i, p in enumerate(order)) for order in itertools.permutations(range(5)))
+        orders = itertools.permutations(range(5))
+        assert within == max(sum(pairs[i, p] for i, p in enumerate(order)) for order in orders)
         assert found.right == (within == 5)
 
 

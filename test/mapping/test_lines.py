@@ -30,9 +30,8 @@ def test_equals_clipping_the_plane(k, scale, bounded_area):
             assert found.is_valid
             assert found.exterior.is_ccw
             r, theta = lines[which].T
-            for corner in (vertices, np.roll(vertices, -1, axis=0)):  # edge i lies on line which[i]
-                np.testing.assert_allclose(np.einsum('nk,nk->n', corner, np.column_stack((np.cos(theta), np.sin(theta)))),
-                                           r, atol=1e-9 * np.abs(vertices).max())
+            for x, y in (vertices.T, np.roll(vertices, -1, axis=0).T):  # edge i lies on line which[i]
+                np.testing.assert_allclose(x * np.cos(theta) + y * np.sin(theta), r, atol=1e-9 * np.abs(vertices).max())
     assert closed > 20
 
 
