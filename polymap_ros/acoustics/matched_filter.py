@@ -21,6 +21,9 @@ _TAPS = 8
 class EchoFilter(Protocol):
     """From the samples of a ping to an analytic signal over the range axis."""
 
+    autocorrelation: NDArray[np.complex128]
+    """What a wall's echo looks like over the differences of the range axis, 1 in the middle."""
+
     def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
         """Filter one ping; its magnitude is the envelope e(r)."""
 
@@ -133,6 +136,10 @@ class EnvelopeFilter:
     ) -> None:
         self._sample_ranges = (t0_s + np.arange(n_samples) * period_s - centre_s) * speed_m_s / 2.0
         self._ranges = ranges_m
+        # Magnitudes have no finer shape than a Gaussian as long as the pulse: its ends are three deviations away.
+        lags = ranges_m[1] * np.arange(1 - len(ranges_m), len(ranges_m))
+        deviation = max(speed_m_s * centre_s / 6.0, ranges_m[1])
+        self.autocorrelation = np.exp(-0.5 * (lags / deviation) ** 2).astype(complex)
 
     def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
         """Resample one ping, shape (n_samples,), to the range axis; scaled by the ping's norm as in eq. (3)."""
@@ -173,6 +180,12 @@ class _Gridding:
         np.conjugate(near, out=near, where=self._conjugate)
         value: NDArray[np.complex64] = np.einsum('ij,ij->i', near, self._taps)
         return value
+
+
+def sampling_step(medium: Medium, pulse: Pulse, frequency_hz: float) -> float:
+    """Step of a range axis [m] on which four points interpolate eq. (3) to 1e-3: four per cycle of its full band."""
+    wavenumbers = medium.wavenumber(_band(medium, pulse, 0.125 / frequency_hz))
+    return float(np.pi / (4.0 * (wavenumbers[-1] - wavenumbers[0])))
 
 
 def _band(medium: Medium, pulse: Pulse, period_s: float) -> NDArray[np.float64]:

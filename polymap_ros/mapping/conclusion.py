@@ -39,14 +39,14 @@ def conclude(
     cost : float, optional
         Value of eq. (5).
     """
-    pings, width = len(snapshot.positions), _half_width(snapshot)
+    pings, width = len(snapshot.positions), path_half_width(snapshot)
     answer = Estimate('open', method, snapshot.stamp_ns, cost=cost)
     if pings < MIN_PINGS:
         return _with(answer, 'too_few_pings', f'{pings} pings could be used; a polygon takes at least {MIN_PINGS}')
     candidate = _polygon(snapshot, lines, likelihood)
     if width is not None:
         if candidate:
-            both = candidate, _mirrored(candidate, snapshot.positions)
+            both = candidate, mirrored(candidate, snapshot.positions)
             answer = replace(answer, status='ambiguous', alternatives=both)
         return _with(answer, 'straight_path', f'the sensor stayed within {width:.3g} m of one straight line, about '
                                               'which walls cannot be told from their mirror images; drive a turn')
@@ -77,7 +77,7 @@ def _polygon(
     return Candidate(vertices, edges)
 
 
-def _half_width(snapshot: Snapshot) -> float | None:
+def path_half_width(snapshot: Snapshot) -> float | None:
     """Half the width [m] of a path too straight to tell sides, else None."""
     if len(snapshot.positions) == 0:
         return None
@@ -95,7 +95,7 @@ def _axis(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
     return middle, directions[0]
 
 
-def _mirrored(candidate: Candidate, positions: NDArray[np.float64]) -> Candidate:
+def mirrored(candidate: Candidate, positions: NDArray[np.float64]) -> Candidate:
     """The mirror image about the path, counter-clockwise again."""
     middle, along = _axis(positions)
     offsets = candidate.vertices - middle

@@ -25,6 +25,8 @@ class Edge:
         Standard deviations [m], [rad]; None where the method gives none.
     pings : int
         Pings whose perpendicular foot is on the edge.
+    r_theta_covariance : float
+        Covariance of r and theta [m rad].
     """
 
     r: float
@@ -33,13 +35,21 @@ class Edge:
     r_std: float | None = None
     theta_std: float | None = None
     pings: int = 0
+    r_theta_covariance: float = 0.0
 
     def moved(self, frame: Pose) -> 'Edge':
         """The same wall, seen from the frame in which `frame` is this edge's own origin."""
         theta = self.theta + frame.yaw
         r = self.r + frame.x * np.cos(theta) + frame.y * np.sin(theta)
         wrapped = float(np.arctan2(np.sin(theta), np.cos(theta)))
-        return dataclasses.replace(self, r=float(r), theta=wrapped)
+        if self.r_std is None or self.theta_std is None:
+            return dataclasses.replace(self, r=float(r), theta=wrapped)
+        # The further the new origin lies along the wall, the more the angle's error moves r.
+        lever = float(frame.y * np.cos(theta) - frame.x * np.sin(theta))
+        variance = self.r_std**2 + 2.0 * lever * self.r_theta_covariance + (lever * self.theta_std) ** 2
+        covariance = self.r_theta_covariance + lever * self.theta_std**2
+        return dataclasses.replace(self, r=float(r), theta=wrapped, r_std=float(np.sqrt(max(variance, 0.0))),
+                                   r_theta_covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)

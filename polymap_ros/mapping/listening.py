@@ -5,12 +5,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter
+from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter, sampling_step
 from polymap_ros.acoustics.medium import group_speed, make_medium
+from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.acoustics.ranging import closest_range
 from polymap_ros.errors import BadPing
+from polymap_ros.mapping.pulse_shape import PulseShape
 from polymap_ros.parameters import Parameters
 
 MAX_SAMPLES = 1 << 20
@@ -24,11 +26,12 @@ _FILTERS = 8
 
 
 class Heard(NamedTuple):
-    """Eq. (3) on the range axis, its magnitude, and the closest range [m]; see `Sounding`."""
+    """Eq. (3) on the fine axis, its magnitude on the range axis, the closest range [m], the noise; see `Sounding`."""
 
     echo: NDArray[np.complex64]
     envelope: NDArray[np.float32]
     rho: float
+    noise: float
 
 
 class Listener:
@@ -42,6 +45,13 @@ class Listener:
         Range axis from 0 [m].
     recorded_pulse : ndarray, shape (n,), optional
         Samples of ``pulse.kind: file``.
+
+    Attributes
+    ----------
+    fold : int
+        Steps of the echoes' fine axis per step of the range axis: an echo can be interpolated, an envelope looked up.
+    n_fine : int
+        Steps of the fine axis.
     """
 
     def __init__(
@@ -53,7 +63,15 @@ class Listener:
         self._recorded = recorded_pulse
         self._medium = make_medium(parameters.medium)
         self._speed_m_s = float(group_speed(self._medium, parameters.pulse.frequency_hz))
-        self._filters: dict[tuple[int, float, float], EchoFilter] = {}
+        period_s = 0.125 / parameters.pulse.frequency_hz
+        step_m = self._step_m
+        if parameters.echo.kind == 'rf':
+            step_m = sampling_step(self._medium, self._pulse(period_s), parameters.pulse.frequency_hz)
+        self.fold = max(1, int(np.ceil(self._step_m / step_m - 1e-9)))
+        self.n_fine = (len(ranges_m) - 1) * self.fold + 1
+        self._fine_m = np.arange(self.n_fine) * (self._step_m / self.fold)
+        self._filters: dict[tuple[int, float, float], tuple[EchoFilter, NoiseGauge]] = {}
+        self._shape: NDArray[np.complex128] | None = None
 
     def check(self, ping: Ping) -> None:
         """Raise `BadPing` with the reason if a ping cannot be used wherever it was taken.
@@ -87,13 +105,27 @@ class Listener:
 
     def hear(self, ping: Ping) -> Heard:
         """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range."""
-        echo = self._filter(ping)(ping.samples)
+        correlate, gauge = self._filter(ping)
+        echo = correlate(ping.samples)
         blanking_m, last_m = self._blanking_m(ping), ping.range_max_m or np.inf
         useful = self._ranges_m <= last_m * (1.0 + 1e-9)
-        echo[~useful] = 0.0
-        rho = closest_range(np.abs(echo[useful]), self._step_m, blanking_m)
-        echo[self._ranges_m < blanking_m * (1.0 - 1e-9)] = 0.0
-        return Heard(echo, np.abs(echo), rho)
+        echo[self._fine_m > last_m * (1.0 + 1e-9)] = 0.0
+        envelope = np.abs(echo[:: self.fold])
+        rho = closest_range(envelope[useful], self._step_m, blanking_m)
+        noise = gauge(ping.samples) if self._parameters.echo.kind == 'rf' else None
+        if noise is None:
+            noise = noise_from_envelope(envelope, ping.samples.size)
+        echo[self._fine_m < blanking_m * (1.0 - 1e-9)] = 0.0
+        return Heard(echo, np.abs(echo[:: self.fold]), rho, noise)
+
+    @property
+    def shape(self) -> PulseShape:
+        """The compressed pulse on the echoes' axis; the same for all pings but for their sampling."""
+        if self._shape is None:
+            period_s = 0.125 / self._parameters.pulse.frequency_hz
+            nominal = Ping(0, np.zeros(int(self._pulse(period_s).duration_s / period_s) + 64), period_s)
+            self._shape = self._filter(nominal)[0].autocorrelation
+        return PulseShape.of(self._shape, float(self._fine_m[1]))
 
     def _blanking_m(self, ping: Ping) -> float:
         return max(self._parameters.echo.blanking_m, ping.range_min_m)
@@ -101,14 +133,15 @@ class Listener:
     def _pulse(self, period_s: float) -> Pulse:
         return make_pulse(self._parameters.pulse, self._recorded, period_s)
 
-    def _filter(self, ping: Ping) -> EchoFilter:
+    def _filter(self, ping: Ping) -> tuple[EchoFilter, NoiseGauge]:
         # Seven digits: what float32 fields hold, so that their rounding does not make a new filter of every ping.
         key = ping.samples.size, float(f'{ping.period_s:.6e}'), round(ping.t0_s, 10)
         if key not in self._filters:
             if len(self._filters) == _FILTERS:
                 del self._filters[next(iter(self._filters))]
             pulse = self._pulse(key[1])
-            self._filters[key] = (
-                MatchedFilter(self._medium, pulse, self._ranges_m, *key) if self._parameters.echo.kind == 'rf'
-                else EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._ranges_m, *key))
+            correlate: EchoFilter = (
+                MatchedFilter(self._medium, pulse, self._fine_m, *key) if self._parameters.echo.kind == 'rf'
+                else EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key))
+            self._filters[key] = correlate, NoiseGauge(self._medium, pulse, *key[:2])
         return self._filters[key]

@@ -19,6 +19,7 @@ from polymap_ros.mapping.solvers import make_solver
 from polymap_ros.mapping.sounding import Sounding
 from polymap_ros.mapping.soundings import packed_soundings, unpacked_soundings
 from polymap_ros.mapping.state import packed, packed_frame, unpacked, unpacked_frame
+from polymap_ros.mapping.thinning import Thinning
 from polymap_ros.parameters import Parameters
 
 _SLICE = 100
@@ -67,6 +68,7 @@ class PolygonMapper:
         self.beam_map = BeamformingMap(self.parameters.grid)
         self.free_area = FreeArea()
         self.soundings: list[Sounding] = []
+        self._thinning = Thinning()
         self.start_pose: Pose | None = None
         self.frame_id = ''
         self.estimate: Estimate | None = None
@@ -123,8 +125,9 @@ class PolygonMapper:
             sensor = base.compose(Pose(self.parameters.sensor.x_m, self.parameters.sensor.y_m))
             self.start_pose = self.start_pose or sensor
             place = self.start_pose.inverse().compose(sensor)
-            echo, envelope, rho = self._listener.hear(ping)  # eq. (3)
-            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho))
+            echo, envelope, rho, noise = self._listener.hear(ping)  # eq. (3)
+            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise))
+            self._thinning.add(self.soundings)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             self.free_area.add(place.x, place.y, rho)  # A_T
 
@@ -138,7 +141,7 @@ class PolygonMapper:
 
     def begin_solve(self) -> None:
         """Begin a solve on what has been heard so far."""
-        self._solver.begin(Evidence(tuple(self.soundings), self.beam_map, self.free_area))
+        self._solver.begin(Evidence(tuple(self.soundings), self.beam_map, self.free_area, self._listener.shape))
         self._solving = True
 
     def advance(self, iterations: int) -> bool:
@@ -156,7 +159,7 @@ class PolygonMapper:
         """All that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
         return packed(self.parameters, {
             'frame': packed_frame(self.frame_id, self.start_pose),
-            'soundings': packed_soundings(self.soundings, len(self.beam_map.r_m)),
+            'soundings': packed_soundings(self.soundings),
             'track': self._track.state(), 'queue': self._queue.state(),
             'beam_map': self.beam_map.state(), 'free_area': self.free_area.state(),
         })
@@ -177,7 +180,8 @@ class PolygonMapper:
         try:
             parts = unpacked(parameters, state)
             mapper.frame_id, mapper.start_pose = unpacked_frame(parts['frame'])
-            mapper.soundings = unpacked_soundings(parts['soundings'], len(mapper.beam_map.r_m))
+            mapper.soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
+            mapper._thinning = Thinning.of(mapper.soundings)
             for name, part in (('track', mapper._track), ('queue', mapper._queue),
                                ('beam_map', mapper.beam_map), ('free_area', mapper.free_area)):
                 part.restore(parts[name])

@@ -7,6 +7,7 @@ from typing import Protocol
 from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.free_area import FreeArea
+from polymap_ros.mapping.pulse_shape import PulseShape
 from polymap_ros.mapping.sounding import Sounding
 
 
@@ -17,6 +18,7 @@ class Evidence:
     soundings: Sequence[Sounding]
     beam_map: BeamformingMap
     free_area: FreeArea
+    pulse: PulseShape | None = None
 
 
 class Solver(Protocol):

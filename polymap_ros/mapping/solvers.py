@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 
+from polymap_ros.mapping.evidence.solver import EvidenceSolver
 from polymap_ros.mapping.paper_solver import PaperSolver
 from polymap_ros.mapping.rectangle import RectangleSolver
 from polymap_ros.mapping.solver import Solver
 from polymap_ros.parameters import Parameters
 
 SOLVERS: dict[str, Callable[[Parameters], Solver]] = {
+    'evidence': EvidenceSolver,
     'paper': PaperSolver,
     'rectangle': RectangleSolver,
 }

@@ -16,12 +16,15 @@ class Sounding:
         Stamp of the ping [ns].
     x, y : float
         Position of the sensor in the start frame [m].
-    echo : ndarray, shape (n_ranges,), complex64
-        Eq. (3) as an analytic signal over the range axis; its real part is eq. (3), its magnitude the envelope.
+    echo : ndarray, shape (n_fine,), complex64
+        Eq. (3) as an analytic signal over the fine axis; its real part is eq. (3), its magnitude the envelope. Empty
+        where the mapper keeps enough other pings from nearby.
     envelope : ndarray, shape (n_ranges,), float32
         e_i(r), the magnitude of `echo`.
     rho : float
         Closest range [m]; nan where no echo stands out.
+    noise : float
+        Standard deviation of the noise in the real part of `echo`.
     """
 
     stamp_ns: int
@@ -30,3 +33,4 @@ class Sounding:
     echo: NDArray[np.complex64]
     envelope: NDArray[np.float32]
     rho: float
+    noise: float = 1.0

@@ -9,23 +9,28 @@ from polymap_ros.errors import StateError
 from polymap_ros.mapping.sounding import Sounding
 
 
-def packed_soundings(soundings: Sequence[Sounding], n_ranges: int) -> dict[str, NDArray[np.generic]]:
-    """All soundings as arrays; the envelopes follow from the echoes."""
+def packed_soundings(soundings: Sequence[Sounding]) -> dict[str, NDArray[np.generic]]:
+    """All soundings as arrays, echoes where they are kept; the envelopes follow from the echoes."""
+    kept = [sounding.echo for sounding in soundings if sounding.echo.size]
     return {
         'stamps_ns': np.array([sounding.stamp_ns for sounding in soundings], np.int64),
-        'places': np.array([(each.x, each.y, each.rho) for each in soundings], dtype=float).reshape(-1, 3),
-        'echoes': np.array([sounding.echo for sounding in soundings], np.complex64).reshape(-1, n_ranges),
+        'places': np.array([(each.x, each.y, each.rho, each.noise) for each in soundings], dtype=float).reshape(-1, 4),
+        'kept': np.array([sounding.echo.size > 0 for sounding in soundings], np.bool_),
+        'echoes': np.array(kept, np.complex64) if kept else np.empty((0, 0), np.complex64),
     }
 
 
-def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_ranges: int) -> list[Sounding]:
-    """The soundings that `packed_soundings` packed."""
+def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_fine: int, fold: int) -> list[Sounding]:
+    """The soundings that `packed_soundings` packed, with echoes of `n_fine` ranges and envelopes of every `fold`-th."""
     stamps, places = np.asarray(state['stamps_ns'], np.int64), np.asarray(state['places'], float)
-    echoes = np.asarray(state['echoes'], np.complex64)
+    kept, echoes = np.asarray(state['kept'], np.bool_), np.asarray(state['echoes'], np.complex64)
     n = len(stamps)
-    if stamps.shape != (n,) or places.shape != (n, 3) or echoes.shape != (n, n_ranges):
+    shape = (int(kept.sum()), n_fine) if kept.any() else (0, 0)
+    if stamps.shape != (n,) or places.shape != (n, 4) or kept.shape != (n,) or echoes.shape != shape:
         raise StateError(f'{n} soundings do not match {places.shape} places and {echoes.shape} echoes')
-    if not (np.all(np.isfinite(places[:, :2])) and np.all(np.isfinite(echoes))):
+    if not (np.all(np.isfinite(places[:, :2])) and np.all(places[:, 3] > 0.0) and np.all(np.isfinite(echoes))):
         raise StateError('the soundings are not finite')
-    return [Sounding(stamp_ns, x, y, echo, np.abs(echo), rho)
-            for stamp_ns, (x, y, rho), echo in zip(stamps.tolist(), places.tolist(), echoes, strict=True)]
+    rows = iter(echoes)
+    echoes_or_none = [next(rows) if is_kept else np.empty(0, np.complex64) for is_kept in kept]
+    return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise)
+            for stamp_ns, (x, y, rho, noise), echo in zip(stamps.tolist(), places.tolist(), echoes_or_none, strict=True)]

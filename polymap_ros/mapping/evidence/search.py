@@ -23,7 +23,7 @@ from polymap_ros.mapping.lines import edges_of
 
 PRICE = 17.0
 """Nats that one more edge has to bring: its Occam factor, the prior range over the posterior width in r and theta,
-ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi); a false-alarm rate of 1e-3 over the cells of the map gives 18."""
+ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi). A false-alarm rate of 1e-3 over the cells of the map gives 18."""
 
 POOL = 100
 _CHORDS = 12
@@ -43,19 +43,28 @@ Steps = Generator[None, None, Model]
 
 
 class Found(NamedTuple):
-    """A polygon with both its descriptions; `explained` is the share of the echoes' power that the waveform explains."""
+    """A polygon as a model of power and, where the echoes agree in phase, as a waveform.
+
+    `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price.
+    """
 
     model: Model
-    wave: Wave
+    wave: Wave | None
     explained: float
     value: float
+
+    @property
+    def lines(self) -> NDArray[np.float64]:
+        """r [m] and theta [rad] of the edges, sorted by theta."""
+        return self.model.lines if self.wave is None else self.wave.lines
 
 
 class Search:
     """One search over the pings of `data`; its methods are generators that yield often, so that it can be sliced."""
 
-    def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator) -> None:
+    def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True) -> None:
         self.data = data
+        self._coherent = coherent
         self.power = PowerLikelihood(data)
         self.wave = WaveformLikelihood(data)
         self._max_edges = max_edges
@@ -151,28 +160,65 @@ class Search:
         kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
         return model.with_lines(lines, np.array([kept.get(tuple(entry), 0.0) for entry in lines.tolist()]))
 
+    @property
+    def uncertainty(self) -> float:
+        """Three standard deviations of the share explained, which noise alone makes uncertain."""
+        cells = self.data.power[:, self.data.first_cell:]
+        excess = max(float(np.sum(cells - 1.0)), 1e-300)
+        return 3.0 * float(np.sqrt(2.0 * cells.size / self.data.weight)) / excess
+
+    def again(self, last: Found) -> Generator[None, None, Found | None]:
+        """The last answer, refined on the pings of today."""
+        yield
+        model = self._start.with_lines(last.lines, last.model.loss)
+        model.strength = last.model.strength
+        if last.wave is None or not self._coherent:
+            model, _ = self.power.refine(model, FULL_ORDER, 3)
+            return self._judged(model, None)
+        wave = self.wave.refine(last.wave.lines, last.wave.reflection, last.wave.phase, FULL_ORDER, 3)
+        return None if wave is None else self._judged(model.with_lines(wave.lines, model.loss), wave)
+
     def settle(self, model: Model) -> Generator[None, None, Found | None]:
-        """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it."""
-        wave = self._aligned(model)
+        """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it.
+
+        Where the waveform explains less than power alone does, the echoes do not agree in phase (positions that are
+        off by a quarter of a wavelength do that): then power has the last word.
+        """
+        model, score = self.power.refine(model, FULL_ORDER, 6)
+        wave = self._aligned(model) if self._coherent else None
+        if wave is None or wave.value < score:
+            model = yield from self.improve(model, FULL_ORDER, residual=True)
+            return self._judged(model, None)
         for _ in range(_ROUNDS):
             yield
-            if wave is None:
-                return None
             changed = yield from self._dropped(wave)
             if changed is None:
                 changed = yield from self._added(model, wave)
             if changed is None:
                 break
             wave = changed
-        assert wave is not None
-        residual = self.wave.residual_power(wave, FULL_ORDER)[:, self.data.first_cell:]
-        excess = float(np.sum(self.data.power[:, self.data.first_cell:] - 1.0))
-        explained = 1.0 - float(np.sum(residual - 1.0)) / max(excess, 1e-300)
-        return Found(model, wave, explained, wave.value - PRICE * len(wave.lines))
+        return self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
+
+    def _judged(self, model: Model, wave: Wave | None) -> Found | None:
+        """What a polygon explains of the echoes' power, and what it is worth."""
+        first = self.data.first_cell
+        excess = self.data.power[:, first:] - 1.0
+        price = PRICE * len(model.lines)
+        if wave is not None:
+            left = self.wave.residual_power(wave, FULL_ORDER)[:, first:] - 1.0
+            explained = 1.0 - float(left.sum()) / max(float(excess.sum()), 1e-300)
+            return Found(model, wave, explained, wave.value - price)
+        value = self.power.fit_nuisances(model, FULL_ORDER)
+        if not np.isfinite(value):
+            return None
+        predicted = model.strength * self.power.explained[:, first:]
+        # Of the excess, what follows the prediction from cell to cell (a regression's share).
+        explained = float(np.sum(predicted * excess)) / max(float(np.sum(predicted**2)), 1e-300)
+        explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
+        return Found(model, None, min(explained, 1.0), value - price)
 
     def _aligned(self, model: Model) -> Wave | None:
-        """The waveform's maximum near a power model: full orders of power first, then phase from order 1 up."""
-        model, _ = self.power.refine(model, FULL_ORDER, 6)
+        """The waveform's maximum near a refined power model, from the first order up."""
         reflection, phase = self.wave.signs(model.lines, model.loss)
         wave = None
         lines = model.lines
@@ -218,7 +264,7 @@ class Search:
             if value < score + PRICE:
                 break
             yield
-            more = self._aligned(trial)
+            more = self._aligned(self.power.refine(trial, FULL_ORDER, 6)[0])
             if more is not None and more.value - PRICE * (len(more.lines) - len(wave.lines)) > wave.value:
                 return more
         return None

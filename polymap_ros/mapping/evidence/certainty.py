@@ -1,0 +1,92 @@
+"""How sure each edge is: the best explanation without it, and how far r and theta may move."""
+
+from collections.abc import Generator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.mapping.evidence.power import Model
+from polymap_ros.mapping.evidence.search import FULL_ORDER, PRICE, Found, Search, without_wall
+from polymap_ros.mapping.evidence.waveform import Wave
+
+_OBVIOUS = 400.0
+"""Nats that no refit of the other walls makes up for."""
+
+
+class Certainty(NamedTuple):
+    """Of each edge: the probability that it is real, the covariance (n, 2, 2) of r [m] and theta [rad].
+
+    `unsupported` edges bound the polygon and were not heard: without them nothing closes.
+    """
+
+    likelihood: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    unsupported: int
+
+
+def certainty_of(search: Search, found: Found) -> Generator[None, None, Certainty]:
+    """Leave out every edge in turn, refit, and compare; the edge's odds are exp(loss - price)."""
+    losses = np.empty(len(found.lines))
+    bounding = np.zeros(len(found.lines), np.bool_)
+    for wall in range(len(found.lines)):
+        yield
+        if found.wave is not None:
+            losses[wall], bounding[wall] = _wave_loss(search, found.wave, wall)
+        else:
+            losses[wall], bounding[wall] = _power_loss(search, found.model, wall)
+    likelihood = 1.0 / (1.0 + np.exp(np.clip(PRICE - losses, -500.0, 500.0)))
+    # Where much is left unexplained, a wall that is not there may explain some of it.
+    doubt = np.clip((found.explained + search.uncertainty) / 0.85, 0.0, 1.0)
+    unsupported = int(np.sum(bounding & (losses < PRICE)))
+    return Certainty(likelihood * doubt, _covariance(search, found), unsupported)
+
+
+def _wave_loss(search: Search, wave: Wave, wall: int) -> tuple[float, bool]:
+    """What leaving a wall out costs, and whether only its echoes can be left out, since it closes the polygon."""
+    fewer = without_wall(search.wave, wave, wall)
+    bounding = fewer is None
+    silent = wave.reflection.copy()
+    silent[wall] = 0.0
+    options = [search.wave.evaluate(wave.lines, silent, wave.phase, FULL_ORDER, derive=False), fewer]
+    known = [option for option in options if option is not None]
+    best = max(known, key=lambda option: option.value)
+    loss = wave.value - best.value
+    if loss < _OBVIOUS:
+        refitted = search.wave.refine(best.lines, best.reflection, best.phase, FULL_ORDER, 4)
+        loss = wave.value - (refitted or best).value
+    return loss, bounding
+
+
+def _power_loss(search: Search, model: Model, wall: int) -> tuple[float, bool]:
+    value = search.power.fit_nuisances(model, FULL_ORDER)
+    fewer = model.without(wall)
+    bounding = not np.isfinite(search.power(fewer, FULL_ORDER))
+    if bounding:
+        fewer = Model(model.lines, model.loss.copy(), model.strength, model.background)
+        fewer.loss[wall] = -20.0
+        return value - search.power(fewer, FULL_ORDER), bounding
+    return value - search.power.refine(fewer, FULL_ORDER, 3)[1], bounding
+
+
+def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
+    """Inverse Fisher information, and the sandwich of the pings' own scores where that is larger.
+
+    The sandwich I^-1 (sum_i s_i s_i^T) I^-1 grows with what the model does not know, such as errors of position; it is
+    scaled up by its degrees of freedom, N / (N - 3).
+    """
+    if found.wave is not None:
+        wave = found.wave
+        _, information = search.wave.penalised(wave)
+        scores = wave.scores
+    else:
+        derived = search.power.derivatives(found.model, FULL_ORDER)
+        assert derived is not None
+        _, scores, information = derived
+    inverse = np.linalg.inv(information)
+    centred = scores - scores.mean(axis=0)
+    pings = len(scores)
+    spread = inverse @ (centred.T @ centred) @ inverse * (pings / max(pings - 3, 1))
+    n = len(found.lines)
+    blocks = [(inverse[3 * k:3 * k + 2, 3 * k:3 * k + 2], spread[3 * k:3 * k + 2, 3 * k:3 * k + 2]) for k in range(n)]
+    return np.array([plain * max(1.0, float(np.max(np.diag(robust) / np.diag(plain)))) for plain, robust in blocks])

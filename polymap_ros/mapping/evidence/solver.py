@@ -1,0 +1,143 @@
+"""``solver.method: evidence``: the polygon whose predicted echoes explain what was heard."""
+
+from collections.abc import Generator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.mapping.conclusion import MIN_PINGS, mirrored, path_half_width
+from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
+from polymap_ros.mapping.evidence.data import EchoData
+from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.search import Found, Search
+from polymap_ros.mapping.lines import feet_on_edges
+from polymap_ros.mapping.snapshot import Snapshot
+from polymap_ros.mapping.solver import Evidence
+from polymap_ros.parameters import Parameters
+
+EXPLAINED = 0.85
+"""Share of the echoes' power that a polygon has to explain, less three standard deviations of what is measured: the
+right polygons of clean scenes explain 0.97 or more, wrong ones rarely 0.9."""
+
+CERTAIN = 0.9
+"""Likelihood from which an edge counts as certain."""
+
+AMBIGUITY = 6.0
+"""Nats within which a mirror image fits as well."""
+
+
+class EvidenceSolver:
+    """Search by annealing and single changes, judged by the likelihoods of `power` and `waveform`.
+
+    The last answer is where the next solve starts: as long as it explains the echoes, it is only refined.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        self._parameters = parameters
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last answer."""
+        self._last: Found | None = None
+        self._work: Generator[None, None, Estimate] | None = None
+        self._answer: Estimate | None = None
+
+    def begin(self, evidence: Evidence) -> None:
+        """Take the echoes that are kept."""
+        self._answer = None
+        self._work = self._solve(Snapshot.of(evidence), evidence)
+
+    def advance(self, iterations: int) -> bool:
+        """Go on by so many changes of the search."""
+        for _ in range(iterations):
+            if self._work is None:
+                break
+            try:
+                next(self._work)
+            except StopIteration as done:
+                self._answer, self._work = done.value, None
+        return self._work is None
+
+    def estimate(self) -> Estimate:
+        """The answer; ``open`` with the caution `unfinished` while a solve is under way."""
+        return self._answer or Estimate('open', 'evidence', cautions=(
+            Caution('unfinished', 'the solve is still under way'),))
+
+    def _solve(self, snapshot: Snapshot, evidence: Evidence) -> Generator[None, None, Estimate]:
+        heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+        if len(heard) < MIN_PINGS or evidence.pulse is None:
+            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
+                'too_few_pings', f'{len(heard)} pings could be used; a polygon takes at least {MIN_PINGS}'),))
+        data = EchoData.of(heard, evidence.pulse, self._parameters.medium.spreading, self._parameters.echo.blanking_m)
+        generator = np.random.default_rng(self._parameters.solver.seed)
+        search = Search(data, self._parameters.solver.max_edges, generator, self._parameters.echo.kind == 'rf')
+        yield
+        found = yield from self._found(search)
+        self._last = found
+        if found is None:
+            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
+                'not_closed', 'no walls that were heard bound an area'),))
+        certainty = yield from certainty_of(search, found)
+        return self._conclude(snapshot, search, found, certainty)
+
+    def _found(self, search: Search) -> Generator[None, None, Found | None]:
+        """The last answer refined while it explains the echoes, else the best of some starts."""
+        best = None
+        enough = EXPLAINED + 0.05
+        if self._last is not None:
+            best = yield from search.again(self._last)
+            if best is not None and best.explained > enough - search.uncertainty:
+                return best
+        for start in search.starts():
+            yield
+            found = None if start is None else (yield from search.polygon(start))
+            if found is not None and (best is None or found.value > best.value):
+                best = found
+            if best is not None and best.explained > enough - search.uncertainty:
+                break
+        return best
+
+    def _conclude(self, snapshot: Snapshot, search: Search, found: Found, certainty: Certainty) -> Estimate:
+        candidate = polygon_of(found, certainty, search.data.positions)
+        cautions = self._cautions(search, found, candidate)
+        width = path_half_width(snapshot)
+        if width is not None:
+            cautions.insert(0, Caution('straight_path', f'the sensor stayed within {width:.3g} m of one straight line, '
+                                       'about which walls cannot be told from their mirror images; drive a turn'))
+            return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
+                            alternatives=(candidate, mirrored(candidate, snapshot.positions)))
+        if certainty.unsupported:
+            cautions.insert(0, Caution('not_closed', f'{certainty.unsupported} of {len(candidate.edges)} edges that '
+                                       'would close the polygon were not heard'))
+            walls = tuple(edge for edge in candidate.edges if edge.likelihood >= CERTAIN)
+            return Estimate('open', 'evidence', snapshot.stamp_ns, cost=-found.value, walls=walls,
+                            cautions=tuple(cautions))
+        return Estimate('closed', 'evidence', snapshot.stamp_ns, candidate, cost=-found.value,
+                        iou_free_area=snapshot.region.iou(candidate.vertices), cautions=tuple(cautions))
+
+    def _cautions(self, search: Search, found: Found, candidate: Candidate) -> list[Caution]:
+        cautions = []
+        weak = [k for k, edge in enumerate(candidate.edges) if edge.likelihood < CERTAIN]
+        if weak:
+            cautions.append(Caution('weak_edge', f'the evidence for edge {", ".join(map(str, weak))} is weak'))
+        if found.explained < EXPLAINED - search.uncertainty:
+            cautions.append(Caution('unexplained', f'the polygon explains {max(found.explained, 0.0):.0%} of the '
+                                    "echoes' power; the outline may not be convex, or something else reflects"))
+        if found.wave is None and self._parameters.echo.kind == 'rf':
+            cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions or medium '
+                                    'may be off, and the polygon comes from their power alone'))
+        return cautions
+
+
+def polygon_of(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> Candidate:
+    """The polygon found, with what is known of every edge."""
+    lines = found.lines
+    _, corners = corners_of(lines)
+    pings = feet_on_edges(corners, positions)
+    edges = tuple(
+        Edge(float(r), float(theta), float(certainty.likelihood[k]), float(np.sqrt(certainty.covariance[k, 0, 0])),
+             float(np.sqrt(certainty.covariance[k, 1, 1])), int(pings[k]), float(certainty.covariance[k, 0, 1]))
+        for k, (r, theta) in enumerate(lines))
+    return Candidate(corners, edges)
+
