@@ -78,6 +78,6 @@ def quadrilateral():
 def heard(quadrilateral):
     """A mapper that has heard all pings of the quadrilateral; only to be read."""
     scene, samples = quadrilateral
-    mapper = PolygonMapper(scene.parameters(Parameters()))
+    mapper = PolygonMapper(scene.parameters(Parameters()).replaced({'solver.method': 'paper'}))
     _feed(mapper, scene, samples)
     return mapper

@@ -20,7 +20,8 @@ from polymap_ros.simulation.waveforms import simulate
 S = 1_000_000_000
 START = 1_700_000_000 * S
 NOISE = np.random.default_rng(0).normal(size=(20, 2048)).astype(np.float32)
-SMALL = Parameters().replaced({'grid.range_step_m': 0.02, 'grid.angle_step_deg': 5.0, 'solver.iterations': 20})
+SMALL = Parameters().replaced({
+    'grid.range_step_m': 0.02, 'grid.angle_step_deg': 5.0, 'solver.iterations': 20, 'solver.method': 'paper'})
 
 
 def adds_up(mapper):
