@@ -81,6 +81,13 @@ def test_fewer_pings(pings):
     assert feet_per_edge(scene).min() >= 6
 
 
+def test_positions_spread_in_both_directions_as_far_as_the_recipe_asks():
+    for seed in range(10):
+        positions = random_scene(seed, 4, Recipe(least_spread=0.8)).positions
+        deviations = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
+        assert deviations[1] >= 0.8 * deviations[0]
+
+
 @pytest.mark.parametrize('edges', range(3, 9))
 def test_right_angled_shapes_have_right_angles(edges):
     for seed in range(5):
