@@ -92,8 +92,9 @@ class Diagnostics:
             yield WARN, f'{counts.waiting} pings wait for odometry: is it late, or are the clocks of the two apart?'
         if new['behind']:
             yield WARN, f'the solver is behind: the last solve took {parts.solving.solve_s:.2f} s'
-        if parts.saver.problem:
-            yield ERROR, parts.saver.problem
+        for problem in (parts.solving.problem, parts.saver.problem):
+            if problem:
+                yield ERROR, problem
         estimate = parts.mapper.estimate
         if estimate is not None and estimate.status != 'closed':
             yield WARN, f'no polygon: {"; ".join(each.text for each in estimate.cautions) or estimate.status}'
@@ -123,7 +124,6 @@ class Diagnostics:
             'pings waiting': str(counts.waiting),
             **{f'pings dropped: {reason}': str(n) for reason, n in sorted(counts.dropped.items())},
             'solve time [s]': f'{parts.solving.solve_s:.3f}',
-            'longest slice [ms]': f'{1e3 * parts.solving.slowest_slice_s:.1f}',
             'longest odometry callback [ms]': f'{1e3 * parts.odometry.slowest_s:.1f}',
             'longest echo callback [ms]': f'{1e3 * parts.echoes.slowest_s:.1f}',
             'saved': parts.saver.saved,

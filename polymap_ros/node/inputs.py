@@ -5,9 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible, qos_policy_name_from_kind
 
+from polymap_ros.errors import ParameterError
 from polymap_ros.node.factory import message_class
 from polymap_ros.node.qos import overridable, sensor_input
 
@@ -29,6 +31,11 @@ class Input:
     take : callable
         Called with each message.
 
+    Raises
+    ------
+    ParameterError
+        For a QoS override that is not allowed.
+
     Attributes
     ----------
     received, refused, lost, incompatible : int
@@ -45,11 +52,14 @@ class Input:
         self._node = node
         self._take = take
         self._newest_s = time.monotonic()
-        self._subscription = node.create_subscription(
-            message_class(type_name), topic, self._received, sensor_input(),
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._refused, message_lost=self._lost),
-            qos_overriding_options=overridable(),
-        )
+        events = SubscriptionEventCallbacks(incompatible_qos=self._refused, message_lost=self._lost)
+        try:
+            self._subscription = node.create_subscription(
+                message_class(type_name), topic, self._received, sensor_input(), event_callbacks=events,
+                qos_overriding_options=overridable())
+        except (RuntimeError, ValueError, TypeError, ParameterException) as error:
+            name = f'qos_overrides.{node.resolve_topic_name(topic)}.subscription.*'
+            raise ParameterError(name, str(error)) from error
 
     @property
     def topic(self) -> str:

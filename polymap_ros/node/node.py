@@ -75,13 +75,13 @@ class PolymapNode(Node):  # type: ignore[misc]
     def reset(self) -> None:
         """Forget the map and clear what is latched."""
         frame_id = self._mapper.frame_id
-        self._mapper.reset()
+        self._solving.exclusively(self._mapper.reset)
         self._newest_ns = None
-        self._solving.solve_again()
         self._outputs.clear(frame_id)
 
     def close(self) -> None:
-        """Finish what is being written; to be called after the last callback."""
+        """Drop what is being solved and finish what is being written; to be called after the last callback."""
+        self._solving.close()
         self._saver.close()
 
     def _take_odometry(self, message: Any) -> None:
@@ -129,9 +129,8 @@ class PolymapNode(Node):  # type: ignore[misc]
                                       '(odometry.on_jump_back)', throttle_duration_sec=60.0)
 
     def _apply(self, parameters: Parameters) -> None:
-        self._mapper.configure(parameters)
+        self._solving.exclusively(lambda: self._mapper.configure(parameters))
         self._solving.set_period(parameters.solver.period_s)
-        self._solving.solve_again()
 
     def _log_parameters(self, parameters: Parameters) -> None:
         lines = (f'  {name}: {value!r}' for name, value in parameters.flat().items())

@@ -1,14 +1,20 @@
 """Starting and stopping the node."""
 
+import sys
 from collections.abc import Sequence
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity
 
 from polymap_ros.errors import UsageError
 from polymap_ros.node.node import PolymapNode
 from polymap_ros.parameters import NODE_NAME
+
+SWITCH_S = 0.0005
+"""Longest time the solver's thread keeps the interpreter while messages wait. With Python's 5 ms every round of the
+executor would wait as long, and 200 messages a second would be too many."""
 
 POLL_S = 0.2
 """Longest wait in one go: a signal that arrives just before a wait is seen after it."""
@@ -22,10 +28,13 @@ def run(arguments: Sequence[str]) -> None:
     PolymapError
         For arguments or parameters that cannot work.
     """
+    sys.setswitchinterval(SWITCH_S)
+    rclpy.logging.set_logger_level('rcl', LoggingSeverity.FATAL)  # what it says about arguments, the error says too
     try:
         rclpy.init(args=[NODE_NAME, *arguments])
     except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
         raise UsageError(f'{str(error).partition(", at ")[0]}') from error
+    rclpy.logging.set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
         _spin(PolymapNode(arguments))
     finally:
