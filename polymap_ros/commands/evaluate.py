@@ -34,7 +34,7 @@ def _parser() -> console.Parser:
     parser.add_argument('--snr-db', type=_snr, default=0.0, metavar='X', help='per ping; none: no noise (default: 0)')
     parser.add_argument('--jobs', type=_count, default=1, metavar='N', help='processes (default: 1)')
     parser.add_argument('--method', type=_names, metavar='M,...',
-                        help='random: methods (default: solver.method); paper: methods to run once beside the published')
+                        help='random: methods (default: solver.method); paper: methods to run once beside')
     parser.add_argument('--repetitions', type=_count, metavar='N', help='paper: per scene (default: 10)')
     parser.add_argument('--edges', type=_edges, metavar='A-B', help='random: numbers of edges (default: 3-8)')
     parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',

@@ -27,8 +27,8 @@ def random_table(trials: Sequence[Trial]) -> str:
 
     The right number of edges and an IoU above 0.95 is what the published method was judged by.
     """
-    header = ['method', 'edges', 'scenes', 'right', '95 % interval', 'right number of edges',
-              'with IoU > 0.95', 'no polygon', 'median IoU', 'median offset error [mm]', 'median angle error [deg]', 'median time [s]']
+    header = ['method', 'edges', 'scenes', 'right', '95 % interval', 'right number of edges', 'with IoU > 0.95',
+              'no polygon', 'median IoU', 'median offset error [mm]', 'median angle error [deg]', 'median time [s]']
     rows = []
     for method in unique(trial.method for trial in trials):
         of_method = [trial for trial in trials if trial.method == method]
