@@ -13,9 +13,9 @@ _QUIET = 1e-2
 _LEAST_BINS = 32
 """Fewer quiet frequencies give no estimate: the median of so many is right within 25 %."""
 
-MODEL_ERROR = 1e-3
-"""Share of a ping's power that counts as noise in any case: what sampling, interpolation and a device that is known
-to 3 % leave unexplained."""
+MODEL_ERROR = 0.2
+"""Share of a ping's power that counts as noise in any case: no model of a plate, a device and its echoes to a finite order
+explains more, and a likelihood that believed so would be ruled by the model's own errors."""
 
 
 class NoiseGauge:
@@ -57,4 +57,4 @@ def noise_from_envelope(envelope: NDArray[np.floating], n_samples: int) -> float
     floor = float(np.sqrt(MODEL_ERROR / n_samples))
     if len(heard) == 0:
         return floor
-    return max(float(np.quantile(heard, 0.2)) / np.sqrt(2.0 * -np.log(0.8)), floor)
+    return max(float(np.quantile(heard, 0.2) / np.sqrt(-2.0 * np.log(0.8))), floor)

@@ -13,6 +13,9 @@ from polymap_ros.mapping.evidence.waveform import Wave
 _OBVIOUS = 400.0
 """Nats that no refit of the other walls makes up for."""
 
+_CYCLE_ERROR = 1e-3
+"""Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be known."""
+
 
 class Certainty(NamedTuple):
     """Of each edge: the probability that it is real, the covariance (n, 2, 2) of r [m] and theta [rad].
@@ -77,7 +80,7 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     """
     if found.wave is not None:
         wave = found.wave
-        _, information = search.wave.penalised(wave)
+        information = search.wave.marginal_information(wave, FULL_ORDER)
         scores = wave.scores
     else:
         derived = search.power.derivatives(found.model, FULL_ORDER)
@@ -89,4 +92,7 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     spread = inverse @ (centred.T @ centred) @ inverse * (pings / max(pings - 3, 1))
     n = len(found.lines)
     blocks = [(inverse[3 * k:3 * k + 2, 3 * k:3 * k + 2], spread[3 * k:3 * k + 2, 3 * k:3 * k + 2]) for k in range(n)]
-    return np.array([plain * max(1.0, float(np.max(np.diag(robust) / np.diag(plain)))) for plain, robust in blocks])
+    covariance = np.array(
+        [plain * max(1.0, float(np.max(np.diag(robust) / np.diag(plain)))) for plain, robust in blocks])
+    covariance[:, 0, 0] += (_CYCLE_ERROR * np.pi / search.data.pulse.carrier) ** 2
+    return covariance

@@ -12,6 +12,10 @@ from polymap_ros.mapping.sounding import Sounding
 CELLS_PER_WIDTH = 3.0
 """Cells of range per independent width of the pulse: fine enough that the power is smooth between them."""
 
+_WEAK = 0.7
+"""A ping's quietest fifth below this share of the noise says that the noise counts for more than it is: by chance it is
+that far below 1 in one ping of a thousand."""
+
 
 @dataclass(frozen=True, eq=False)
 class EchoData:
@@ -25,6 +29,8 @@ class EchoData:
         Eq. (3) without the pulse's carrier, scaled so that the noise has variance 1 in its real and imaginary part.
     power : ndarray, shape (N, n_cells)
         Half the squared magnitude at multiples of `cell_m`: exponential with mean 1 where there is noise only.
+    filling : ndarray, shape (N,)
+        What was added to a ping's power, whose noise is weaker than it counts, to make its mean 1 without echoes.
     gain : ndarray, shape (N,)
         Power of each ping's echoes relative to the median ping.
     first_cell : int
@@ -42,6 +48,7 @@ class EchoData:
     positions: NDArray[np.float64]
     signal: NDArray[np.complex64]
     power: NDArray[np.float64]
+    filling: NDArray[np.float64]
     gain: NDArray[np.float64]
     first_cell: int
     range_max_m: float
@@ -71,7 +78,10 @@ class EchoData:
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
         margin = len(pulse.power) + 4
         power = 0.5 * np.abs(scaled[:, :-margin:stride]).astype(float) ** 2
+        quiet = np.quantile(power, 0.2, axis=1) / -np.log(0.8)  # of an exponential's mean
+        filling = np.where(quiet < _WEAK, 1.0 - quiet, 0.0)
+        power += filling[:, None]
         first = int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m)))
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
-        return cls(positions, signal, np.ascontiguousarray(power), excess / np.median(excess), first,
+        return cls(positions, signal, np.ascontiguousarray(power), filling, excess / np.median(excess), first,
                    float(ranges[-margin]), stride * pulse.step_m, pulse, spreading)

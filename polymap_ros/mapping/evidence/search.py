@@ -36,6 +36,10 @@ _ANNEALING = 20_000
 _SEARCH_ORDER = 3
 """Orders 1 and 2 hold a third of the truth's log likelihood in a lossless plate; 3 is what the search can afford."""
 
+_COHERENT = 0.2
+"""Share of the power's log likelihood below which the waveform's says that phases are not to be trusted; with them the
+waveform is worth more than the power, and with a wrong edge in it still more than half."""
+
 FULL_ORDER = 5
 _ROUNDS = 20
 
@@ -181,12 +185,12 @@ class Search:
     def settle(self, model: Model) -> Generator[None, None, Found | None]:
         """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it.
 
-        Where the waveform explains less than power alone does, the echoes do not agree in phase (positions that are
+        Where the waveform is worth far less than power alone is, the echoes do not agree in phase (positions that are
         off by a quarter of a wavelength do that): then power has the last word.
         """
         model, score = self.power.refine(model, FULL_ORDER, 6)
         wave = self._aligned(model) if self._coherent else None
-        if wave is None or wave.value < score:
+        if wave is None or wave.value < _COHERENT * score:
             model = yield from self.improve(model, FULL_ORDER, residual=True)
             return self._judged(model, None)
         for _ in range(_ROUNDS):

@@ -25,6 +25,9 @@ from polymap_ros.mapping.evidence.paths import CAPACITY, corners_of, path_deriva
 _LOSS_DEVIATION = 0.35
 """Prior standard deviation of ln |rho| about 0, as in `power`."""
 
+_TURN = 1e-4
+"""Turn of the phase [rad] for a derivative by differences."""
+
 
 @dataclass(frozen=True, eq=False)
 class Wave:
@@ -94,28 +97,18 @@ class WaveformLikelihood:
         closed, corners = corners_of(lines)
         if not closed:
             return None
-        data, pulse = self.data, self.data.pulse
-        n, pings = len(lines), len(data.positions)
-        u, v = np.zeros(pings, complex), np.zeros(pings)
-        scores, information = np.zeros((pings, 3 * n)), np.zeros((3 * n, 3 * n))
-        for find_amplitudes in (True, False) if derive else (True,):
-            if not find_amplitudes:
-                amplitudes = np.maximum(np.real(u * np.exp(-1j * phase)), 0.0) / np.maximum(v, 1e-300)
-            else:
-                amplitudes = np.zeros(pings)
-            _waveform_likelihood(
-                lines, corners, data.positions, order, data.range_max_m, data.signal, pulse.step_m, pulse.carrier,
-                pulse.baseband, pulse.curvature, data.spreading, reflection, amplitudes * np.exp(1j * phase),
-                not find_amplitudes, u, v, scores, information)
-            if find_amplitudes:
-                phase = float(np.angle(np.sum(u * np.maximum(np.real(u * np.exp(-1j * phase)), 0.0)
-                                              / np.maximum(v, 1e-300))) if np.any(v) else phase)
-        real = np.maximum(np.real(u * np.exp(-1j * phase)), 0.0)
-        loss = np.log(np.maximum(np.abs(reflection), 1e-6))
-        heard = reflection != 0.0
-        value = float(np.sum(real**2 / np.maximum(2.0 * v, 1e-300)))
-        value -= 0.5 * float(np.sum(loss[heard] ** 2)) / _LOSS_DEVIATION**2
-        amplitudes = real / np.maximum(v, 1e-300)
+        u, v, scores, information = self._sums(lines, corners, order, reflection, None)
+        v = np.maximum(v, 1e-300)
+        for _ in range(2):  # pings that disagree have no say in the phase
+            agreeing = np.maximum(np.real(u * np.exp(-1j * phase)), 0.0)
+            if np.any(agreeing):
+                phase = float(np.angle(np.sum(u * agreeing / v)))
+        amplitudes = np.maximum(np.real(u * np.exp(-1j * phase)), 0.0) / v
+        loss = np.log(np.maximum(np.abs(reflection[reflection != 0.0]), 1e-6))
+        value = float(np.sum(0.5 * amplitudes**2 * v)) - 0.5 * float(np.sum(loss**2)) / _LOSS_DEVIATION**2
+        if derive:
+            *_, scores, information = self._sums(
+                lines, corners, order, reflection, amplitudes * np.exp(1j * phase))
         return Wave(lines, reflection, phase, amplitudes, value, scores, information)
 
     def refine(
@@ -166,6 +159,35 @@ class WaveformLikelihood:
         by_angle = np.argsort(lines[:, 1], kind='stable')
         return self.evaluate(np.ascontiguousarray(lines[by_angle]), reflection[by_angle], wave.phase, order)
 
+    def marginal_information(self, wave: Wave, order: int) -> NDArray[np.float64]:
+        """Fisher information of the walls with the device's phase, which trades against all ranges, marginalised."""
+        closed, corners = corners_of(wave.lines)
+        _, information = self.penalised(wave)
+        if not closed:
+            return information
+        turn = np.exp(1j * (wave.phase + _TURN))
+        turned = self._sums(wave.lines, corners, order, wave.reflection, wave.amplitudes * turn)
+        cross = (wave.scores - turned[2]).sum(axis=0) / _TURN
+        cross[np.repeat(wave.reflection == 0.0, 3)] = 0.0
+        phase = float(np.sum(wave.amplitudes**2 * turned[1]))
+        return information - np.outer(cross, cross) / max(phase, 1e-300)
+
+    def _sums(
+        self, lines: NDArray[np.float64], corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64],
+        amplitudes: NDArray[np.complex128] | None,
+    ) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """u_i, v_i and, where amplitudes are given, each ping's gradient and the Fisher information."""
+        data, pulse = self.data, self.data.pulse
+        n, pings = len(lines), len(data.positions)
+        u, v = np.zeros(pings, complex), np.zeros(pings)
+        scores, information = np.zeros((pings, 3 * n)), np.zeros((3 * n, 3 * n))
+        _waveform_likelihood(
+            lines, corners, data.positions, order, data.range_max_m, data.signal, pulse.step_m, pulse.carrier,
+            pulse.baseband, pulse.curvature, data.spreading, reflection,
+            np.zeros(pings, complex) if amplitudes is None else amplitudes, amplitudes is not None, u, v, scores,
+            information)
+        return u, v, scores, information
+
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
         """Half the squared magnitude of what the waveform leaves, on the cells of `data.power`."""
         _, corners = corners_of(wave.lines)
@@ -176,7 +198,7 @@ class WaveformLikelihood:
         predicted = np.zeros_like(heard, dtype=complex)
         _predict(wave.lines, corners, data.positions, order, data.range_max_m, data.cell_m, pulse.step_m, pulse.carrier,
                  pulse.baseband, data.spreading, wave.reflection, wave.amplitudes * np.exp(1j * wave.phase), predicted)
-        return 0.5 * np.abs(heard - predicted) ** 2
+        return 0.5 * np.abs(heard - predicted) ** 2 + data.filling[:, None]
 
 
 @kernel
