@@ -153,9 +153,12 @@ def test_no_exception_is_swallowed():
 
 
 def test_files_and_functions_are_small():
+    """Less than 450 lines and 70 lines; 100 for a compiled inner loop, which is better read in one piece."""
     assert [where(path) for path in FILES if len(path.read_text(encoding='utf-8').splitlines()) >= 450] == []
-    assert [f'{where(path, node)} {node.name}' for path, node in nodes(ast.FunctionDef)
-            if node.end_lineno - (node.body[0].end_lineno if ast.get_docstring(node) else node.lineno) >= 70] == []
+    lengths = {(path, node): node.end_lineno - (node.body[0].end_lineno if ast.get_docstring(node) else node.lineno)
+               for path, node in nodes(ast.FunctionDef)}
+    assert [f'{where(path, node)} {node.name}' for (path, node), length in lengths.items()
+            if length >= (100 if any(is_name(each, 'kernel') for each in node.decorator_list) else 70)] == []
 
 
 @pytest.mark.parametrize('module', [

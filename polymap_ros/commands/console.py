@@ -84,5 +84,8 @@ def progress(label: str, total: int | None, unit: str = 'it') -> Iterator[Callab
     from tqdm import tqdm
 
     interval_s = 0.1 if sys.stderr.isatty() else 10.0
-    with tqdm(desc=label, total=total, unit=unit, file=sys.stderr, mininterval=interval_s, dynamic_ncols=True) as bar:
+    # With a delay nothing is printed before the bar is complete: Ctrl-C in between would leave a traceback.
+    with tqdm(desc=label, total=total, unit=unit, file=sys.stderr, mininterval=interval_s, dynamic_ncols=True,
+              delay=1e-9) as bar:
+        bar.refresh()
         yield bar.update

@@ -91,7 +91,8 @@ def _draw_room(
     axes.grid(color='0.92', linewidth=0.6)
     axes.set_axisbelow(True)
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.figure.legend(handles.values(), handles.keys(), loc='outside lower left', ncols=4, frameon=False)
+    axes.legend(handles.values(), handles.keys(), loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3,
+                frameon=False, fontsize='small')
 
 
 def _draw_start(axes: Any, start: Pose) -> None:

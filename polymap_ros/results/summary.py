@@ -60,18 +60,18 @@ def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
     corners = polygon.vertices
     lengths = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     rows = [
-        f'{i:6d}{x:10.4f}{y:10.4f}{length:10.4f}{edge}'
+        f'{i:6d}{x:10.4f}{y:10.4f}{length:12.4f}{edge}'
         for i, ((x, y), length, edge) in enumerate(zip(corners, lengths, map(_edge_cells, polygon.edges), strict=True))
     ]
     area, size = shapely.Polygon(corners).area, max(np.ptp(corners, axis=0))
     return [
-        f'  edge     x [m]     y [m]length [m]{_EDGE_HEAD}',
+        f'  edge     x [m]     y [m]  length [m]{_EDGE_HEAD}',
         *rows,
         f'area {area:.4g} m2, extent {size:.4g} m, corners counter-clockwise in {frame_id or "the odometry frame"}',
     ]
 
 
-_EDGE_HEAD = '     r [m]  theta [deg]  likelihood  pings'
+_EDGE_HEAD = '     r [m]  +- [mm]  theta [deg]  +- [deg]  likelihood  pings'
 
 
 def _edge_table(edges: Sequence[Edge]) -> list[str]:
@@ -79,7 +79,13 @@ def _edge_table(edges: Sequence[Edge]) -> list[str]:
 
 
 def _edge_cells(edge: Edge) -> str:
-    return f'{edge.r:10.4f}{np.rad2deg(edge.theta):13.3f}{edge.likelihood:12.3f}{edge.pings:7d}'
+    r_std, theta_std = _deviation(edge.r_std, 1e3), _deviation(edge.theta_std, np.rad2deg(1.0))
+    theta_deg = np.rad2deg(edge.theta)
+    return f'{edge.r:10.4f}{r_std:>9}{theta_deg:13.3f}{theta_std:>10}{edge.likelihood:12.3f}{edge.pings:7d}'
+
+
+def _deviation(value: float | None, factor: float) -> str:
+    return '-' if value is None else f'{factor * value:.3f}'
 
 
 def _dropped(dropped: Mapping[str, int]) -> str:

@@ -8,7 +8,7 @@ import pytest
 
 from polymap_ros.recordings.writing import make
 
-FAST = ('-p', 'solver.iterations:=60')
+FAST = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=60')
 ODOMETRY, SCAN = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/LaserScan'
 N_PINGS = 60
 
@@ -16,7 +16,7 @@ N_PINGS = 60
 def refused(run, tmp_path, *arguments):
     """The complaint of a run that ends with status 2 and leaves no trace."""
     before = {path.name for path in tmp_path.iterdir()}
-    done = run('replay', *arguments, '--output', 'out', *FAST)
+    done = run('replay', *FAST, *arguments, '--output', 'out')
     assert done.status == 2, done.err
     assert done.out == ''
     assert {path.name for path in tmp_path.iterdir()} == before
@@ -52,7 +52,9 @@ def test_a_missing_recording(run, tmp_path):
 @pytest.mark.parametrize('name', ['broken.mcap', 'broken.db3', 'broken.txt'])
 def test_an_unreadable_recording(call, tmp_path, name):
     (tmp_path / name).write_bytes(b'not a recording at all')
-    assert refused(call, tmp_path, name).startswith(f'{name}: cannot be read: ')
+    complaint = refused(call, tmp_path, name)
+    assert complaint.startswith(f'{name}: ')
+    assert 'cannot be read' in complaint
 
 
 def test_a_folder_that_is_no_recording(call, tmp_path):
@@ -215,7 +217,7 @@ def test_too_few_pings(run, altered, tmp_path):
     assert 'no polygon closes: 2 pings could be used' in done.complaint
 
 
-@pytest.mark.parametrize('method', ['paper', 'rectangle'])
+@pytest.mark.parametrize('method', ['evidence', 'paper', 'rectangle'])
 def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
     """The robot stands at a wall's distance on y = 0.3: mirror images cannot be told apart."""
     def straighten(index, message):
@@ -229,7 +231,7 @@ def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
     assert counts['used'] == N_PINGS
     assert found['status'] in ('open', 'ambiguous')
     assert (found['vertices'], found['edges']) == ([], [])
-    assert [each['code'] for each in found['warnings']] == ['straight_path']
+    assert found['warnings'][0]['code'] == 'straight_path'
     assert 'no polygon closes: ' in done.complaint
     assert 'mirror images' in done.complaint
     assert 'drive a turn' in done.complaint
@@ -242,7 +244,7 @@ def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
     ('grid.range_step_m:=-1', 'parameter grid.range_step_m: -1.0 is out of range; allowed: double in (0, inf) m'),
     ('grid.range_step_m:=.nan', 'parameter grid.range_step_m: nan is out of range; allowed: double in (0, inf) m'),
     ('solver.max_edges:=2.5', 'parameter solver.max_edges: 2.5 is of type float; allowed: integer in [3, 64]'),
-    ('solver.method:=evidence', "parameter solver.method: 'evidence' is not known; allowed: paper | rectangle"),
+    ('solver.method:=magic', "parameter solver.method: 'magic' is not known; allowed: "),
     ('solver.seed=3', 'parameter solver.seed=3: expected name:=value'),
     ('solver.seed:=[', "parameter solver.seed: '[' is not a YAML value"),
     ('map.resolution_m:=1.0e-6', 'parameter map.resolution_m: 1e-06 makes a map of'),

@@ -67,17 +67,18 @@ def line_fit(scan):
     return np.rad2deg(np.arcsin(slope)), offset_m
 
 
-def test_the_map_peaks_at_the_copper_plane(call, scan, recording, tmp_path):
+@pytest.mark.parametrize(('method', 'reason'), [('evidence', 'no polygon closes: '), ('paper', 'mirror images')])
+def test_the_map_peaks_at_the_copper_plane(call, scan, recording, tmp_path, method, reason):
     (tmp_path / 'copper.yaml').write_text(PARAMETERS)
     done = call('replay', recording, '--params-file', 'copper.yaml', '--output', 'out', '--save-map', '--plot',
-                '-p', 'solver.iterations:=20')
+                '-p', f'solver.method:={method}')
     assert done.status == 1, done.err
-    assert 'mirror images' in done.complaint
+    assert reason in done.complaint
 
     found = json.loads((tmp_path / 'out' / 'polygon.json').read_text())
     assert (found['vertices'], found['edges']) == ([], [])
     assert found['status'] in ('open', 'ambiguous')
-    assert found['warnings'][0]['code'] == 'straight_path'
+    assert len(found['warnings']) > 0
     assert found['pings'] == {'received': 301, 'used': 301, 'dropped': {}}
     assert not (tmp_path / 'out' / 'map.pgm').exists()
 

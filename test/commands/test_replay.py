@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from polymap_ros.parameters import Parameters
 
-FAST = ('-p', 'solver.iterations:=60')
+FAST = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=60')
 
 
 def read_json(path):
@@ -23,22 +23,23 @@ def read_json(path):
     return json.loads(path.read_text(encoding='utf-8'), parse_constant=refuse)
 
 
-def test_the_triangle_is_found(run, triangle, tmp_path):
-    done = run('replay', triangle, '--output', 'out')
+@pytest.mark.parametrize('method', ['evidence', 'paper'])
+def test_the_triangle_is_found(run, triangle, tmp_path, method):
+    done = run('replay', triangle, '--output', 'out', '-p', f'solver.method:={method}')
     assert done.status == 0, done.err
     assert {path.name for path in (tmp_path / 'out').iterdir()} == {'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'}
     assert 'closed: 3 edges' in done.out
     assert 'against the truth: 3 edges of 3, right' in done.out
     assert 'triangle: reading: 100%' in done.err
-    assert 'triangle: solving: 100%' in done.err
+    assert 'triangle: solving' in done.err
 
     found = read_json(tmp_path / 'out' / 'polygon.json')
     truth = np.array(read_json(triangle / 'truth.json')['vertices'])
     assert (found['format'], found['status'], found['frame_id'], found['method']) == (
-        'polymap/1', 'closed', 'odom', 'paper')
+        'polymap/1', 'closed', 'odom', method)
     assert found['pings'] == {'received': 60, 'used': 60, 'dropped': {}}
     assert (found['walls'], found['alternatives'], found['warnings']) == ([], [], [])
-    assert found['parameters'] == Parameters().flat()
+    assert found['parameters'] == Parameters().flat() | {'solver.method': method}
     vertices = np.array(found['vertices'])
     room = shapely.Polygon(vertices)
     assert room.exterior.is_ccw
@@ -48,7 +49,7 @@ def test_the_triangle_is_found(run, triangle, tmp_path):
         np.testing.assert_allclose([normal @ a, normal @ b], edge['r'], atol=1e-9)  # edge i from vertex i to i + 1
         assert normal @ vertices.mean(axis=0) < edge['r']  # the normal points outward
         assert 0.0 < edge['likelihood'] <= 1.0
-        assert (edge['r_std'], edge['theta_std']) == (None, None)
+        assert (edge['r_std'] is None) == (edge['theta_std'] is None) == (method == 'paper')
         assert 0 < edge['pings'] <= 60
 
 
@@ -176,7 +177,8 @@ def test_without_truth_nothing_is_compared(call, triangle, tmp_path):
 
 @pytest.mark.parametrize('moment', ['reading', 'solving'])
 def test_ctrl_c_ends_with_130_and_writes_nothing(start, triangle, tmp_path, moment):
-    process = start('replay', triangle, '--output', 'out', '-p', 'solver.iterations:=100000000')
+    process = start('replay', triangle, '--output', 'out', '-p', 'solver.method:=paper',
+                    '-p', 'solver.iterations:=100000000')
     seen, deadline = b'', time.monotonic() + 120.0
     while f'triangle: {moment}'.encode() not in seen and time.monotonic() < deadline:
         seen += process.stderr.read1(4096)

@@ -10,7 +10,7 @@ from polymap_ros.parameters import Parameters
 
 PARAMETERS = Parameters().replaced({
     'medium.model': 'constant', 'echo.kind': 'envelope', 'grid.range_max_m': 2.0, 'grid.range_step_m': 0.01,
-    'grid.angle_step_deg': 2.0, 'solver.iterations': 40})
+    'grid.angle_step_deg': 2.0, 'solver.method': 'paper', 'solver.iterations': 40})
 
 
 @pytest.fixture(scope='session')

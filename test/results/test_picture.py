@@ -54,7 +54,7 @@ def test_the_same_answer_gives_the_same_bytes(mapper):
 
 @pytest.mark.parametrize('estimate', [
     Estimate('ambiguous', 'paper', alternatives=(Candidate(TRUTH, (Edge(1.0, 0.0, 1.0),) * 4),) * 2),
-    Estimate('open', 'paper', walls=(Edge(3.5, 0.0, 1.0), Edge(-3.5, np.pi / 2, 1.0))),
+    Estimate('open', 'paper', walls=(Edge(3.5, 0.0, 1.0), Edge(3.9, np.pi / 2, 1.0))),
     Estimate('open', 'paper'),
 ])
 def test_other_answers(mapper, estimate):

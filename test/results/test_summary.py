@@ -17,14 +17,22 @@ def test_a_closed_room():
     shifted = CORNERS + [0.0, 0.002]
     lines = summary(estimate, 'odom', PingCounts(5, 4, {'stale': 1}), comparison=compare(shifted, CORNERS)).splitlines()
     assert lines[0] == 'closed: 4 edges (method paper, cost -3.25)'
-    assert lines[2].split() == ['0', '0.0000', '0.0000', '2.0000', '0.0000', '-90.000', '0.500', '4']
-    assert lines[1].index('length [m]') + len('length [m]') == len(lines[2].rstrip()) - len(lines[2].split('2.0000')[1])
+    assert lines[2].split() == ['0', '0.0000', '0.0000', '2.0000', '0.0000', '-', '-90.000', '-', '0.500', '4']
+    assert [len(line) for line in lines[1:6]] == [len(lines[1])] * 5
     assert 'area 2 m2, extent 2 m, corners counter-clockwise in odom' in lines
     assert 'pings: 5 received, 4 used, dropped: 1 stale' in lines
     assert 'IoU with the free area: 0.5000' in lines
     assert 'against the truth: 4 edges of 4, right; IoU 0.9960' in lines
     assert '  wall offset: median 1 mm, largest 2 mm' in lines
     assert '  wall angle: median 0 deg, largest 0 deg' in lines
+
+
+def test_deviations_are_in_millimetres_and_degrees():
+    edge = Edge(1.0, 0.5, 0.99, r_std=0.00025, theta_std=np.deg2rad(0.125), pings=60)
+    text = summary(Estimate('open', 'evidence', walls=(edge,)), 'odom', PingCounts())
+    assert text.splitlines()[2].split() == ['edge', 'r', '[m]', '+-', '[mm]', 'theta', '[deg]', '+-', '[deg]',
+                                            'likelihood', 'pings']
+    assert text.splitlines()[3].split() == ['0', '1.0000', '0.250', '28.648', '0.125', '0.990', '60']
 
 
 def test_answers_without_a_polygon():
