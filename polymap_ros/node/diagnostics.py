@@ -12,6 +12,7 @@ from std_msgs.msg import Header
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.markers import summary
 from polymap_ros.node.inputs import Input
+from polymap_ros.node.latency import Latency
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.solving import SolveLoop
 
@@ -28,6 +29,7 @@ class Parts:
     odometry: Input
     echoes: Input
     mapper: PolygonMapper
+    latency: Latency
     solving: SolveLoop
     saver: Saver
 
@@ -123,6 +125,8 @@ class Diagnostics:
             'pings received': str(counts.received), 'pings used': str(counts.used),
             'pings waiting': str(counts.waiting),
             **{f'pings dropped: {reason}': str(n) for reason, n in sorted(counts.dropped.items())},
+            'latency p50 [ms]': f'{1e3 * parts.latency.percentile_s(50):.1f}',
+            'latency p99 [ms]': f'{1e3 * parts.latency.percentile_s(99):.1f}',
             'solve time [s]': f'{parts.solving.solve_s:.3f}',
             'longest odometry callback [ms]': f'{1e3 * parts.odometry.slowest_s:.1f}',
             'longest echo callback [ms]': f'{1e3 * parts.echoes.slowest_s:.1f}',

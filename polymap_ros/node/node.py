@@ -17,6 +17,7 @@ from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.node.declaration import LiveParameters, declare
 from polymap_ros.node.diagnostics import Diagnostics, Parts
 from polymap_ros.node.inputs import Input
+from polymap_ros.node.latency import Latency
 from polymap_ros.node.publishers import Outputs
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.solving import SolveLoop
@@ -63,10 +64,11 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._solving.set_period(parameters.solver.period_s)
         self._saver = Saver(self, self._mapper, lambda: self._live.current, pulse)
         self.create_timer(AUTOSAVE_CHECK_S, self._saver.autosave, clock=steady)
+        self._latency = Latency(self._mapper)
         self._watch_clock()
         self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry)
         self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo)
-        parts = Parts(self._odometry, self._echoes, self._mapper, self._solving, self._saver)
+        parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver)
         self._diagnostics = Diagnostics(self, parts)
         self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnostics.publish, clock=steady)
         self._offer_services()
@@ -95,7 +97,9 @@ class PolymapNode(Node):  # type: ignore[misc]
         if back_s > self._live.current.odometry.max_gap_s:
             self._jumped_back(f'odometry went back by {back_s:.3f} s')
         self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
-        if not self._mapper.add_pose(stamp_ns, pose, frame_id):
+        taken = self._mapper.add_pose(stamp_ns, pose, frame_id)
+        self._latency.settle()
+        if not taken:
             self._odometry.refused += 1
             if frame_id != self._mapper.frame_id:
                 self.get_logger().warning(f'odometry in frame {frame_id!r} is refused, the map is in '
@@ -111,7 +115,9 @@ class PolymapNode(Node):  # type: ignore[misc]
         except BadPing as error:
             self._mapper.drop(error.reason, str(error))
             return
+        self._latency.arrived(ping.stamp_ns)
         self._mapper.add_ping(ping)
+        self._latency.settle()
 
     def _watch_clock(self) -> None:
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)

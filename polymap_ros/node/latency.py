@@ -1,0 +1,44 @@
+"""How long a ping takes from its arrival to its place in the map, the wait for its odometry included."""
+
+import time
+from collections import deque
+
+import numpy as np
+
+from polymap_ros.mapping.mapper import PolygonMapper
+
+KEPT = 1000
+
+
+class Latency:
+    """Latencies of the newest pings.
+
+    Parameters
+    ----------
+    mapper : PolygonMapper
+        Takes the pings.
+    """
+
+    def __init__(self, mapper: PolygonMapper) -> None:
+        self._mapper = mapper
+        self._used = mapper.counts.used
+        self._arrivals: dict[int, float] = {}
+        self._latencies_s: deque[float] = deque(maxlen=KEPT)
+
+    def arrived(self, stamp_ns: int) -> None:
+        """A ping of this stamp has come."""
+        if len(self._arrivals) >= KEPT:
+            del self._arrivals[next(iter(self._arrivals))]
+        self._arrivals[stamp_ns] = time.monotonic()
+
+    def settle(self) -> None:
+        """Look for pings that have been used since; called after whatever may have placed some."""
+        new, self._used = self._mapper.counts.used - self._used, self._mapper.counts.used
+        for sounding in self._mapper.soundings[-new:] if new > 0 else ():
+            arrival_s = self._arrivals.pop(sounding.stamp_ns, None)
+            if arrival_s is not None:
+                self._latencies_s.append(time.monotonic() - arrival_s)
+
+    def percentile_s(self, share: float) -> float:
+        """Percentile [s] over the newest pings; nan where there was none."""
+        return float(np.percentile(self._latencies_s, share)) if self._latencies_s else float('nan')
