@@ -14,8 +14,8 @@ _LEAST_BINS = 32
 """Fewer quiet frequencies give no estimate: the median of so many is right within 25 %."""
 
 MODEL_ERROR = 0.2
-"""Share of a ping's power that counts as noise in any case: no model of a plate, a device and its echoes to a finite order
-explains more, and a likelihood that believed so would be ruled by the model's own errors."""
+"""Share of a ping's power that counts as noise in any case: no model of a plate, a device and its echoes to a finite
+order explains more, and a likelihood that believed so would be ruled by the model's own errors."""
 
 
 class NoiseGauge:

@@ -69,7 +69,7 @@ class Listener:
             step_m = sampling_step(self._medium, self._pulse(period_s), parameters.pulse.frequency_hz)
         self.fold = max(1, int(np.ceil(self._step_m / step_m - 1e-9)))
         self.n_fine = (len(ranges_m) - 1) * self.fold + 1
-        self._fine_m = np.arange(self.n_fine) * (self._step_m / self.fold)
+        self._fine_m = np.arange(self.n_fine, dtype=float) * (self._step_m / self.fold)
         self._filters: dict[tuple[int, float, float], tuple[EchoFilter, NoiseGauge]] = {}
         self._shape: NDArray[np.complex128] | None = None
 

@@ -33,4 +33,5 @@ def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_fine: int, fold:
     rows = iter(echoes)
     echoes_or_none = [next(rows) if is_kept else np.empty(0, np.complex64) for is_kept in kept]
     return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise)
-            for stamp_ns, (x, y, rho, noise), echo in zip(stamps.tolist(), places.tolist(), echoes_or_none, strict=True)]
+            for stamp_ns, (x, y, rho, noise), echo
+            in zip(stamps.tolist(), places.tolist(), echoes_or_none, strict=True)]

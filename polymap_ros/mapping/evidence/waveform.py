@@ -1,16 +1,17 @@
 r"""Evidence with phase: the waveform that the walls predict, against the waveform that was heard.
 
-In units of the noise, a ping's correlation c(r) of eq. (3) is, for a real amplitude A_i and one phase phi of the device,
+In units of the noise, a ping's correlation c(r) of eq. (3) is, for a real amplitude A_i and a phase phi of the device,
 
     c_i(r) = A_i exp(j phi) sum_m b_m psi(r - d_m) + noise,   b_m = d_m^-p prod(signed rho),
 
-where psi is the compressed pulse and the noise is coloured by psi too. The log likelihood ratio against noise needs only
-look-ups at the predicted ranges: with u_i = sum_m b_m Re[exp(-j phi) c_i(d_m)] and v_i = sum_mn b_m b_n Re psi(d_m - d_n),
+where psi is the compressed pulse and the noise is coloured by psi too. The log likelihood ratio against noise needs
+only look-ups at the predicted ranges: with u_i = sum_m b_m Re[exp(-j phi) c_i(d_m)] and
+v_i = sum_mn b_m b_n Re psi(d_m - d_n),
 
     L = sum_i A_i u_i - A_i^2 v_i / 2   =   sum_i max(u_i, 0)^2 / (2 v_i)   at the best A_i.
 
-The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m; the
-Fisher information A^2 sum_mn b_m b_n (-Re psi'')(d_m - d_n) J_m J_n gives the step and the covariance.
+The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m;
+the Fisher information A^2 sum_mn b_m b_n (-Re psi'')(d_m - d_n) J_m J_n gives the step and the covariance.
 """
 
 from dataclasses import dataclass
@@ -136,7 +137,7 @@ class WaveformLikelihood:
     def step(self, wave: Wave) -> NDArray[np.float64]:
         """Gauss-Newton step (n, 3) in r, theta and ln |rho|."""
         gradient, information = self.penalised(wave)
-        return np.linalg.solve(information, gradient).reshape(-1, 3)
+        return np.asarray(np.linalg.solve(information, gradient).reshape(-1, 3), dtype=float)
 
     def penalised(self, wave: Wave) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Gradient and Fisher information of L with the prior of the losses; what is not heard is held fast."""
@@ -198,7 +199,7 @@ class WaveformLikelihood:
         predicted = np.zeros_like(heard, dtype=complex)
         _predict(wave.lines, corners, data.positions, order, data.range_max_m, data.cell_m, pulse.step_m, pulse.carrier,
                  pulse.baseband, data.spreading, wave.reflection, wave.amplitudes * np.exp(1j * wave.phase), predicted)
-        return 0.5 * np.abs(heard - predicted) ** 2 + data.filling[:, None]
+        return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + data.filling[:, None])
 
 
 @kernel
@@ -216,7 +217,7 @@ def _cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
 @kernel
 def _amplitude(half: float, spreading: float, hits: int, walls: NDArray[np.int64],
                reflection: NDArray[np.float64]) -> float:
-    b = half**-spreading
+    b: float = half**-spreading
     for level in range(hits):
         b *= reflection[walls[level]]
     return b
