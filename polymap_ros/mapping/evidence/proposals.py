@@ -1,9 +1,9 @@
 """Where walls may be: lines that a run of pings heard, and subsets of them that close (simulated annealing).
 
 A wall is heard at first order by the pings whose perpendicular foot is on it: a contiguous stretch along the line. The
-evidence of one foot at distance d is that of power alone, E (1/T - 1/(T + G)) - ln(1 + G/T), G = A g d^-2p expected on top
-of T; the evidence of a line is its best contiguous run (Kadane's maximal sum), so that a short edge is not diluted by the
-pings that cannot hear it. With the echoes of walls already found in T, only what they leave unexplained counts.
+evidence of one foot at distance d is that of power alone, E (1/T - 1/(T + G)) - ln(1 + G/T), G = A g d^-2p expected on
+top of T; the evidence of a line is its best contiguous run (Kadane's maximal sum), so that a short edge is not diluted
+by the pings that cannot hear it. With the echoes of walls already found in T, only what they leave unexplained counts.
 """
 
 from typing import NamedTuple
