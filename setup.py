@@ -30,7 +30,7 @@ setup(
         'pyyaml>=6.0',
         'tqdm>=4.64',
         'mcap>=1.1,<2',
-        'rosbags>=0.10,<0.12',
+        'rosbags>=0.11,<0.12',
     ],
     extras_require={
         # What apt brings on a Jazzy machine. Wheels exist for Linux on x86_64 only.

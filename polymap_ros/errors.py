@@ -25,6 +25,10 @@ class ParameterError(PolymapError):
         self.name = name
         self.problem = problem
 
+    def __reduce__(self) -> tuple[type['ParameterError'], tuple[str, str]]:
+        """Pickle by what it was made of, so that it can come from another process."""
+        return type(self), (self.name, self.problem)
+
 
 class RecordingError(PolymapError):
     """A recording cannot be read, or holds no usable topic."""
@@ -56,3 +60,7 @@ class BadPing(PolymapError):
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(text)
         self.reason = reason
+
+    def __reduce__(self) -> tuple[type['BadPing'], tuple[str, str]]:
+        """Pickle by what it was made of, so that it can come from another process."""
+        return type(self), (self.reason, str(self))

@@ -5,13 +5,14 @@ import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from polymap_ros.commands import console
 
 if TYPE_CHECKING:
-    from polymap_ros.evaluation.trials import Trial
+    from polymap_ros.evaluation.rows import Result
 
+T = TypeVar('T')
 PROGRAM = 'polymap_evaluate'
 _DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
 rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
@@ -31,7 +32,8 @@ def _parser() -> console.Parser:
     parser = console.Parser(PROGRAM, _DESCRIPTION)
     parser.add_argument('experiment', choices=('paper', 'random'))
     parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='folder for results and figures')
-    parser.add_argument('--snr-db', type=_snr, default=0.0, metavar='X', help='per ping; none: no noise (default: 0)')
+    parser.add_argument('--snr-db', type=_snrs, default=[0.0], metavar='X,...',
+                        help='per ping; none: no noise; random: one or several (default: 0)')
     parser.add_argument('--jobs', type=_count, default=1, metavar='N', help='processes (default: 1)')
     parser.add_argument('--method', type=_names, metavar='M,...',
                         help='random: methods (default: solver.method); paper: methods to run once beside')
@@ -45,13 +47,11 @@ def _parser() -> console.Parser:
     return parser
 
 
-def _snr(text: str) -> float | None:
-    if text == 'none':
-        return None
-    value = float(text)
-    if not math.isfinite(value):
+def _snrs(text: str) -> list[float | None]:
+    levels = [None if part == 'none' else float(part) for part in text.split(',')]
+    if not all(level is None or math.isfinite(level) for level in levels):
         raise argparse.ArgumentTypeError(f'{text}: must be finite, or none')
-    return value
+    return list(dict.fromkeys(levels))
 
 
 def _count(text: str) -> int:
@@ -87,13 +87,14 @@ def _paper(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation.paper_experiment import RECTANGLE, SIMULATED, PaperExperiment, by_scene
 
     _refuse(arguments, 'edges', 'seeds', 'variant')
-    repetitions = arguments.repetitions or 10
-    experiment = PaperExperiment(repetitions, arguments.snr_db, console.read_parameters(arguments))
+    repetitions, snr_db = arguments.repetitions or 10, _one(arguments.snr_db)
+    experiment = PaperExperiment(repetitions, snr_db, console.read_parameters(arguments))
     others = [(name, method) for method in arguments.method or [] if method != 'paper'
               for name in (*SIMULATED, RECTANGLE) if (name, method) != (RECTANGLE, 'rectangle')]
     for _, method in others:
         experiment.parameters.replaced({'solver.method': method})
-    histories = by_scene(_run(experiment.run_one, experiment.jobs(), arguments.jobs, 'repetitions'))
+    done = _run(experiment.run_one, experiment.jobs(), arguments, 'repetitions', lambda history: [history.trial])
+    histories = by_scene(done)
     baseline = experiment.run_once(RECTANGLE, 'rectangle')
     trials = [history.trial for runs in histories.values() for history in runs]
     trials += [baseline, *(experiment.run_once(*other) for other in others)]
@@ -121,11 +122,13 @@ def _random(arguments: argparse.Namespace) -> int:
     for method in methods:
         parameters.replaced({'solver.method': method})
     experiment = RandomExperiment(name, seeds, edges, methods, arguments.snr_db, parameters)
-    done = _run(experiment.run_one, experiment.scenes(), arguments.jobs, 'scenes')
+    done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = in_order([trial for group in done for trial in group])
-    text = f'{tables.random_table(trials)}\n\nNot right, by seed:\n\n{tables.failures(trials)}'
-    noise = 'no noise' if arguments.snr_db is None else f'{arguments.snr_db:g} dB'
-    title = f'{VARIANTS[name].text}, {noise}'
+    text = (f'{tables.random_table(trials)}\n\n{tables.accuracy_table(trials)}\n\n'
+            f'Not right, by seed (*: flagged):\n\n{tables.failures(trials)}')
+    title = VARIANTS[name].text
+    if len(arguments.snr_db) == 1:
+        title += ', no noise' if arguments.snr_db[0] is None else f', {arguments.snr_db[0]:g} dB'
     _write(arguments.output, trials, text, {'success.png': figures.success_figure(trials, title)})
     return console.DONE
 
@@ -138,28 +141,43 @@ def _refuse(arguments: argparse.Namespace, *names: str) -> None:
             raise UsageError(f'--{name} does not act in "{arguments.experiment}"')
 
 
-def _run(function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], processes: int, unit: str) -> list[Any]:
-    from polymap_ros.evaluation.parallel import run_jobs
+def _one(levels: list[float | None]) -> float | None:
+    from polymap_ros.errors import UsageError
 
-    results = []
+    if len(levels) > 1:
+        raise UsageError('--snr-db takes several values in "random" only')
+    return levels[0]
+
+
+def _run(
+    function: Callable[..., T], jobs: Sequence[tuple[Any, ...]], arguments: argparse.Namespace, unit: str,
+    rows: 'Callable[[T], Sequence[Result]]',
+) -> list[T]:
+    """Do the jobs; the rows of each are kept as soon as it is done."""
+    from polymap_ros.evaluation.parallel import run_jobs
+    from polymap_ros.evaluation.rows import PartialRows
+
+    results, kept = [], PartialRows(arguments.output)
     with console.progress('polymap_evaluate', len(jobs), unit) as advance:
-        for result in run_jobs(function, jobs, processes):
+        for result in run_jobs(function, jobs, arguments.jobs):
             results.append(result)
+            kept.add(rows(result))
             advance(1)
     return results
 
 
-def _write(folder: Path, trials: 'Sequence[Trial]', table: str, pictures: dict[str, Any]) -> None:
+def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict[str, Any]) -> None:
     """Print the table; write it, results.csv and the pictures, each whole or not at all."""
     from polymap_ros.atomic import move_into_place, staging
-    from polymap_ros.evaluation.tables import csv_text
+    from polymap_ros.evaluation.rows import PartialRows, csv_text
 
     with staging(folder / 'results.csv') as stage:
-        (stage / 'results.csv').write_text(csv_text(trials), encoding='utf-8')
+        (stage / 'results.csv').write_text(csv_text(results), encoding='utf-8')
         (stage / 'table.md').write_text(f'{table}\n', encoding='utf-8')
         for name, figure in pictures.items():
             figure.savefig(stage / name, dpi=150)
         for path in sorted(stage.iterdir()):
             move_into_place(path, folder / path.name)
+    PartialRows(folder).discard()
     print(table)
     print(f'\n{folder}: results.csv, table.md, {", ".join(pictures)}')

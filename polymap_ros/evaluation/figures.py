@@ -1,6 +1,6 @@
 """The experiments as pictures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,24 +13,45 @@ _MARKS = 'osD^vP'
 
 
 def success_figure(trials: Sequence[Trial], title: str) -> Any:
-    """Share of right scenes over the number of edges, one line per method, with 95 % intervals."""
-    figure = _figure(5.6, 3.6)
-    axes = figure.subplots()
+    """Share of right scenes over the number of edges, one line per method, with 95 % intervals.
+
+    Where there are several SNRs, the same over the SNR, all numbers of edges together, is drawn beside it; the first
+    picture is then at the highest SNR.
+    """
+    levels = sorted(unique(trial.snr_db for trial in trials if trial.snr_db is not None), reverse=True)
+    several = len(levels) > 1
+    figure = _figure(9.6 if several else 5.6, 3.6)
+    axes = figure.subplots(1, 2 if several else 1, sharey=True, squeeze=False)[0]
+    figure.suptitle(title, fontsize='medium')
+    at_one = [trial for trial in trials if trial.snr_db == levels[0]] if several else trials
+    _success_over(axes[0], at_one, lambda trial: float(trial.edges), 'edges', shift=0.08)
+    axes[0].set(ylabel='right [%]', ylim=(-4.0, 104.0), xticks=sorted(unique(trial.edges for trial in trials)))
+    if several:
+        axes[0].set_title(f'at {levels[0]:g} dB', fontsize='small')
+        noisy = [trial for trial in trials if trial.snr_db is not None]
+        _success_over(axes[1], noisy, lambda trial: float(trial.snr_db or 0.0), 'SNR per ping [dB]', shift=0.2)
+        axes[1].set_title('all numbers of edges', fontsize='small')
+        axes[1].set_xticks(levels)
+    axes[0].legend()
+    return figure
+
+
+def _success_over(
+    axes: Any, trials: Sequence[Trial], at: Callable[[Trial], float], label: str, shift: float
+) -> None:
     methods = unique(trial.method for trial in trials)
     for index, method in enumerate(methods):
-        numbers = sorted(unique(trial.edges for trial in trials if trial.method == method))
-        groups = [[trial.right for trial in trials if trial.method == method and trial.edges == n] for n in numbers]
+        chosen = [trial for trial in trials if trial.method == method]
+        places = sorted(unique(at(trial) for trial in chosen))
+        groups = [[trial.right for trial in chosen if at(trial) == place] for place in places]
         shares = np.array([np.mean(group) for group in groups])
         bounds = np.array([wilson(sum(group), len(group)) for group in groups])
         spread = np.abs(bounds.T - shares)
-        shift = 0.08 * (index - (len(methods) - 1) / 2.0)
-        axes.errorbar(np.array(numbers) + shift, 100.0 * shares, 100.0 * spread, marker=_MARKS[index % len(_MARKS)],
+        aside = shift * (index - (len(methods) - 1) / 2.0)
+        axes.errorbar(np.array(places) + aside, 100.0 * shares, 100.0 * spread, marker=_MARKS[index % len(_MARKS)],
                       capsize=3.0, label=method)
-    axes.set(xlabel='edges', ylabel='right [%]', ylim=(-4.0, 104.0), title=title,
-             xticks=sorted(unique(trial.edges for trial in trials)))
+    axes.set_xlabel(label)
     axes.grid(alpha=0.3)
-    axes.legend()
-    return figure
 
 
 def convergence_figure(histories: Mapping[str, Sequence[History]], baselines: Mapping[str, float]) -> Any:

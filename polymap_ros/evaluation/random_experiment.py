@@ -4,6 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from polymap_ros.evaluation.trials import Trial, run_trials
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.parameters import Parameters
@@ -21,8 +23,8 @@ class RandomExperiment:
         Every combination is one scene.
     methods : sequence of str
         Values of ``solver.method``.
-    snr_db : float or None
-        As in `Scene`.
+    snrs_db : sequence of float or None
+        As `Scene.snr_db`; every scene at each of them.
     parameters : Parameters
         What the scene does not prescribe.
     """
@@ -31,20 +33,21 @@ class RandomExperiment:
     seeds: Sequence[int]
     edges: Sequence[int]
     methods: Sequence[str]
-    snr_db: float | None
+    snrs_db: Sequence[float | None]
     parameters: Parameters
 
-    def scenes(self) -> list[tuple[int, int]]:
-        """Seed and number of edges of every scene."""
-        return [(seed, edges) for seed in self.seeds for edges in self.edges]
+    def scenes(self) -> list[tuple[int, int, float | None]]:
+        """Seed, number of edges and SNR of every scene."""
+        return [(seed, edges, snr_db) for seed in self.seeds for edges in self.edges for snr_db in self.snrs_db]
 
-    def run_one(self, seed: int, edges: int) -> list[Trial]:
+    def run_one(self, seed: int, edges: int, snr_db: float | None) -> list[Trial]:
         """The trials of one scene."""
         variant = VARIANTS[self.variant]
-        scene = dataclasses.replace(variant.make(seed, edges), snr_db=self.snr_db)
+        scene = dataclasses.replace(variant.make(seed, edges), snr_db=snr_db)
         return run_trials(scene, self.methods, self.parameters, variant.tolerance_m)
 
 
 def in_order(trials: Sequence[Trial]) -> list[Trial]:
-    """Sorted by seed, edges and method, so that the files do not depend on who was done first."""
-    return sorted(trials, key=lambda trial: (trial.seed, trial.edges, trial.method, trial.run))
+    """Sorted by seed, edges, SNR from high to low, and method: the files do not depend on who was done first."""
+    return sorted(trials, key=lambda trial: (
+        trial.seed, trial.edges, -np.inf if trial.snr_db is None else -trial.snr_db, trial.method, trial.run))

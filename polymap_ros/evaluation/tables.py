@@ -1,7 +1,5 @@
-"""Trials as results.csv and as markdown tables."""
+"""Trials as markdown tables."""
 
-import csv
-import io
 from collections.abc import Iterable, Sequence
 from typing import TypeVar
 
@@ -11,33 +9,31 @@ from polymap_ros.evaluation.trials import Trial
 
 T = TypeVar('T')
 
-
-def csv_text(trials: Sequence[Trial]) -> str:
-    """One row per trial under a header; empty cells where there is no value."""
-    text = io.StringIO()
-    rows = [trial.row() for trial in trials]
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator='\n')
-    writer.writeheader()
-    writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
-    return text.getvalue()
+ALL = 'all'
 
 
 def random_table(trials: Sequence[Trial]) -> str:
-    """By method and number of edges: shares of the scenes, medians over scenes, and over walls for the errors.
+    """By method, SNR and number of edges: shares of the scenes, and the median time of a solve from scratch.
 
-    The right number of edges and an IoU above 0.95 is what the published method was judged by.
+    The right number of edges with an IoU above 0.95 is what the published method was judged by. Flagged is an answer
+    that is not a closed polygon or comes with a caution; silently wrong is one that is neither right nor flagged.
     """
-    header = ['method', 'edges', 'scenes', 'right', '95 % interval', 'right number of edges', 'with IoU > 0.95',
-              'no polygon', 'median IoU', 'median offset error [mm]', 'median angle error [deg]', 'median time [s]']
-    rows = []
-    for method in unique(trial.method for trial in trials):
-        of_method = [trial for trial in trials if trial.method == method]
-        edges = unique(trial.edges for trial in of_method)
-        groups = [(str(n), [trial for trial in of_method if trial.edges == n]) for n in sorted(edges)]
-        if len(groups) > 1:
-            groups.append(('all', of_method))
-        rows += [[method, label, *_summary(group)] for label, group in groups]
-    return markdown(header, rows)
+    header = ['method', 'SNR [dB]', 'edges', 'scenes', 'right', '95 % interval', 'right number of edges',
+              'with IoU > 0.95', 'no polygon', 'flagged', 'silently wrong', 'median time [s]']
+    return markdown(header, [[*label, *_success(group)] for label, group in _groups(trials)])
+
+
+def accuracy_table(trials: Sequence[Trial]) -> str:
+    """By method, SNR and number of edges: medians over the walls of the right scenes, and over all walls found.
+
+    Within 2 sigma: share of the walls of right scenes whose true r, or theta, is within two of the estimate's
+    standard deviations. Certain: edges reported with a likelihood of at least 0.9, in all scenes; real: of these, the
+    share that is a true wall.
+    """
+    header = ['method', 'SNR [dB]', 'edges', 'median IoU', 'offset error, right scenes [mm]', 'angle error [deg]',
+              'offset error, all [mm]', 'angle error [deg]', 'r within 2 sigma', 'theta within 2 sigma', 'certain',
+              'real']
+    return markdown(header, [[*label, *_accuracy(group)] for label, group in _groups(trials)])
 
 
 def paper_table(trials: Sequence[Trial]) -> str:
@@ -58,14 +54,12 @@ def paper_table(trials: Sequence[Trial]) -> str:
 
 
 def failures(trials: Sequence[Trial]) -> str:
-    """The scenes that were not right, by seed, for every method and number of edges."""
+    """The scenes that were not right, by seed, for every method, SNR and number of edges; flagged ones with a star."""
     lines = []
-    for method in unique(trial.method for trial in trials):
-        for edges in sorted(unique(trial.edges for trial in trials)):
-            seeds = [str(trial.seed) for trial in trials
-                     if trial.method == method and trial.edges == edges and not trial.right]
-            if seeds:
-                lines.append(f'- {method}, {edges} edges: {", ".join(seeds)}')
+    for (method, noise, edges), group in _groups(trials):
+        seeds = [f'{trial.seed}{"*" if trial.flagged else ""}' for trial in group if not trial.right]
+        if seeds and edges != ALL:
+            lines.append(f'- {method}, {noise} dB, {edges} edges: {", ".join(seeds)}')
     return '\n'.join(lines) or '- none'
 
 
@@ -88,31 +82,59 @@ def percent(share: float) -> str:
     return f'{100.0 * share:.1f} %'
 
 
-def _summary(group: Sequence[Trial]) -> list[str]:
+def _groups(trials: Sequence[Trial]) -> list[tuple[tuple[str, str, str], list[Trial]]]:
+    """Trials by method, SNR and number of edges, and of all numbers of edges together where there are several."""
+    groups = []
+    for method, snr_db in unique((trial.method, trial.snr_db) for trial in trials):
+        chosen = [trial for trial in trials if (trial.method, trial.snr_db) == (method, snr_db)]
+        label = method, decibels(snr_db)
+        numbers = sorted(unique(trial.edges for trial in chosen))
+        groups += [((*label, str(n)), [trial for trial in chosen if trial.edges == n]) for n in numbers]
+        if len(numbers) > 1:
+            groups.append(((*label, ALL), chosen))
+    return groups
+
+
+def decibels(snr_db: float | None) -> str:
+    """An SNR for a table."""
+    return 'inf' if snr_db is None else f'{snr_db:g}'
+
+
+def _success(group: Sequence[Trial]) -> list[str]:
     right = sum(trial.right for trial in group)
     low, high = wilson(right, len(group))
     return [
         str(len(group)), percent(right / len(group)), f'{100.0 * low:.0f} to {100.0 * high:.0f} %',
-        percent(np.mean([trial.estimated_edges == trial.edges for trial in group]).item()),
-        percent(np.mean([trial.estimated_edges == trial.edges and trial.iou > 0.95 for trial in group]).item()),
-        percent(np.mean([trial.status != 'closed' for trial in group]).item()),
-        f'{np.median([trial.iou for trial in group]):.4f}',
-        _median([offset for trial in group for offset in trial.offsets_m], 1e3),
-        _median([angle for trial in group for angle in trial.angles_deg], 1.0),
+        _share([trial.estimated_edges == trial.edges for trial in group]),
+        _share([trial.estimated_edges == trial.edges and trial.iou > 0.95 for trial in group]),
+        _share([trial.status != 'closed' for trial in group]),
+        _share([trial.flagged for trial in group]),
+        _share([not trial.right and not trial.flagged for trial in group]),
         f'{np.median([trial.seconds for trial in group]):.2f}',
     ]
 
 
+def _accuracy(group: Sequence[Trial]) -> list[str]:
+    right = [trial for trial in group if trial.right]
+    certain = sum(trial.certain_edges for trial in group)
+    return [
+        f'{np.median([trial.iou for trial in group]):.4f}',
+        *(_median([offset for trial in chosen for offset in trial.offsets_m], 1e3)
+          if quantity == 'offset' else _median([angle for trial in chosen for angle in trial.angles_deg], 1.0)
+          for chosen in (right, group) for quantity in ('offset', 'angle')),
+        _share([abs(score) <= 2.0 for trial in right for score in trial.z_r]),
+        _share([abs(score) <= 2.0 for trial in right for score in trial.z_theta]),
+        str(certain),
+        percent(sum(trial.certain_real for trial in group) / certain) if certain else '-',
+    ]
+
+
+def _share(values: Sequence[bool]) -> str:
+    return percent(float(np.mean(values))) if values else '-'
+
+
 def _median(values: Sequence[float], scale: float) -> str:
     return f'{scale * float(np.median(values)):.3f}' if values else '-'
-
-
-def _cell(value: object) -> object:
-    if value is None:
-        return ''
-    if isinstance(value, bool):
-        return int(value)
-    return f'{value:.9g}' if isinstance(value, float) else value
 
 
 def unique(values: Iterable[T]) -> list[T]:

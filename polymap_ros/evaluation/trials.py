@@ -8,8 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.estimate import Estimate
+from polymap_ros.mapping.comparison import ANGLE_TOLERANCE_RAD, Comparison, compare
+from polymap_ros.mapping.estimate import Candidate, Estimate
+from polymap_ros.mapping.lines import polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.warm_up import warm_up
@@ -19,6 +20,9 @@ from polymap_ros.simulation.waveforms import pings
 
 TOLERANCE_M = 0.003
 """A wall is right within this at the middle of the true edge (and within 0.5 degrees)."""
+
+CERTAIN = 0.9
+"""Of the edges with at least this likelihood at least as large a share is to be real."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,14 @@ class Trial:
         Overlap with the true polygon; 0 where no polygon closed.
     offsets_m, angles_deg : tuple of float
         Errors, as magnitudes, of the walls that were found: at the middle of the true edge, and in direction.
+    z_r, z_theta : tuple of float
+        Errors of r and theta of the same walls, over their standard deviations; empty where the method gives none.
+    least_likelihood : float or None
+        Of the polygon's edges; None where no polygon closed.
+    certain_edges, certain_real : int
+        Edges with a likelihood of at least `CERTAIN`, and how many of them are a true wall within the tolerances.
+    cautions : tuple of str
+        Codes of what the estimate warned of.
     seconds : float
         Time of the solve from scratch, without the simulation.
     """
@@ -61,11 +73,27 @@ class Trial:
     iou: float
     offsets_m: tuple[float, ...]
     angles_deg: tuple[float, ...]
+    z_r: tuple[float, ...]
+    z_theta: tuple[float, ...]
+    least_likelihood: float | None
+    certain_edges: int
+    certain_real: int
+    cautions: tuple[str, ...]
     seconds: float
 
+    @property
+    def flagged(self) -> bool:
+        """Whether the user was told that something is not as it should be."""
+        return self.status != 'closed' or bool(self.cautions)
+
     def row(self) -> dict[str, object]:
-        """The row of results.csv: errors as their median and maximum over the walls, None where no wall was found."""
+        """The row of results.csv: errors as their median and maximum over the walls, None where no wall was found.
+
+        z-scores, wall by wall, and the cautions' codes are joined by semicolons.
+        """
         row = {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
+        row |= {name: ';'.join(f'{score:.3f}' for score in row[name]) for name in ('z_r', 'z_theta')}
+        row['cautions'] = ';'.join(self.cautions)
         for name, errors in (('offset_m', row.pop('offsets_m')), ('angle_deg', row.pop('angles_deg'))):
             row[f'median_{name}'] = float(np.median(errors)) if errors else None
             row[f'max_{name}'] = max(errors, default=None)
@@ -108,8 +136,36 @@ def judged(
     comparison = compare(estimate.polygon.vertices, scene.vertices, tolerance_m) if estimate.polygon else None
     errors = np.abs([comparison.offsets_m, np.rad2deg(comparison.angles_rad)]) if comparison else np.empty((2, 0))
     offsets, angles = errors[:, np.isfinite(errors[0])].tolist()
+    edges = estimate.polygon.edges if estimate.polygon else ()
+    certain = {index for index, edge in enumerate(edges) if edge.likelihood >= CERTAIN}
+    real = _real(comparison, tolerance_m) if comparison else set()
+    z_r, z_theta = _z_scores(estimate.polygon, scene, comparison) if estimate.polygon and comparison else ((), ())
     return Trial(
         scene=scene.name, seed=scene.seed, edges=len(scene.vertices), method=method, snr_db=scene.snr_db, run=run,
         status=estimate.status, estimated_edges=comparison.n_estimated if comparison else 0,
         right=bool(comparison and comparison.right), iou=comparison.iou if comparison else 0.0,
-        offsets_m=tuple(offsets), angles_deg=tuple(angles), seconds=seconds)
+        offsets_m=tuple(offsets), angles_deg=tuple(angles), z_r=z_r, z_theta=z_theta,
+        least_likelihood=min((edge.likelihood for edge in edges), default=None),
+        certain_edges=len(certain), certain_real=len(certain & real),
+        cautions=tuple(caution.code for caution in estimate.cautions), seconds=seconds)
+
+
+def _real(comparison: Comparison, tolerance_m: float) -> set[int]:
+    """Estimated edges that are a true wall."""
+    within = (np.abs(comparison.offsets_m) <= tolerance_m) & (np.abs(comparison.angles_rad) <= ANGLE_TOLERANCE_RAD)
+    return set(comparison.matches[within].tolist())
+
+
+def _z_scores(
+    polygon: Candidate, scene: Scene, comparison: Comparison
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Errors of r and theta, in the odometry's frame, over their standard deviations, for the walls matched."""
+    z_r, z_theta = [], []
+    for (r, _), angle, match in zip(
+            polygon_lines(scene.vertices), comparison.angles_rad, comparison.matches, strict=True):
+        edge = polygon.edges[match]
+        if match < 0 or not edge.r_std or not edge.theta_std:
+            continue
+        z_r.append(float((edge.r - r) / edge.r_std))
+        z_theta.append(float(angle / edge.theta_std))
+    return tuple(z_r), tuple(z_theta)

@@ -29,6 +29,8 @@ class Comparison:
         estimated edge is left to match.
     angles_rad : ndarray, shape (n_true,)
         Angle from each true edge to the matched estimated one, in (-pi, pi]; nan likewise.
+    matches : ndarray, shape (n_true,), intp
+        Index of the estimated edge matched to each true one; -1 where none is left to match.
     """
 
     right: bool
@@ -37,6 +39,7 @@ class Comparison:
     n_estimated: int
     offsets_m: NDArray[np.float64]
     angles_rad: NDArray[np.float64]
+    matches: NDArray[np.intp]
 
 
 def compare(
@@ -62,5 +65,7 @@ def compare(
     rows, columns = linear_sum_assignment(misfit)
     matched = np.full((2, len(truth)), np.nan)
     matched[:, rows] = offsets[rows, columns], angles[rows, columns]
+    matches = np.full(len(truth), -1, np.intp)
+    matches[rows] = columns
     right = len(found) == len(truth) and bool(within[rows, columns].all())
-    return Comparison(right, iou(found, truth), len(truth), len(found), *matched)
+    return Comparison(right, iou(found, truth), len(truth), len(found), matched[0], matched[1], matches)

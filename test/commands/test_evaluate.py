@@ -1,5 +1,6 @@
 """polymap_evaluate as a user calls it, on a few scenes."""
 
+import contextlib
 import csv
 import os
 import signal
@@ -29,7 +30,8 @@ def test_random_scenes_by_several_methods(tmp_path, capsys):
     assert all(0.0 <= float(row['iou']) <= 1.0 and float(row['seconds']) > 0.0 for row in results)
     table = (tmp_path / 'out' / 'table.md').read_text()
     assert table in out
-    assert '| paper | all | 4 |' in table
+    assert '| paper | -3 | all | 4 |' in table
+    assert 'theta within 2 sigma' in table
     assert 'Not right, by seed' in table
     assert (tmp_path / 'out' / 'success.png').stat().st_size > 5_000
     assert '4/4' in err
@@ -43,6 +45,15 @@ def test_the_same_run_gives_the_same_rows_in_one_process_and_in_two(tmp_path):
     one, two = ([{key: value for key, value in row.items() if key != 'seconds'}
                  for row in rows(tmp_path / name / 'results.csv')] for name in ('one', 'two'))
     assert one == two
+
+
+def test_several_snrs_have_their_own_rows_and_a_second_picture(tmp_path, capsys):
+    assert main(['random', '--method', 'rectangle', '--edges', '4', '--seeds', '4:6', '--snr-db', '0,-20,none',
+                 '--output', str(tmp_path)]) == 0
+    assert [(row['seed'], row['snr_db']) for row in rows(tmp_path / 'results.csv')] == [
+        (seed, snr_db) for seed in '45' for snr_db in ('', '0', '-20')]
+    table = (tmp_path / 'table.md').read_text()
+    assert all(f'| rectangle | {snr_db} | 4 | 2 |' in table for snr_db in ('inf', '0', '-20'))
 
 
 def test_the_paper_s_experiment(tmp_path, capsys):
@@ -64,6 +75,7 @@ def test_the_paper_s_experiment(tmp_path, capsys):
     (['paper', '--method', 'guess'], 'solver.method'),
     (['random', '--repetitions', '3'], '--repetitions'),
     (['paper', '--seeds', '0:3'], '--seeds'),
+    (['paper', '--snr-db', '0,-10'], '--snr-db'),
     (['random', '--variant', 'needle', '--edges', '4', '--seeds', '0:1'], 'needle with 4 edges'),
 ])
 def test_wrong_use_is_one_line_and_status_2(tmp_path, capsys, arguments, word):
@@ -93,18 +105,22 @@ def test_arguments_are_read_as_ranges():
         ['random', '--output', 'x', '--edges', '3-8', '--seeds', '10:20:3', '--snr-db', 'none'])
     assert list(arguments.edges) == [3, 4, 5, 6, 7, 8]
     assert list(arguments.seeds) == [10, 13, 16, 19]
-    assert arguments.snr_db is None
+    assert arguments.snr_db == [None]
+    assert _parser().parse_args(['random', '--output', 'x', '--snr-db', '0,-10,none']).snr_db == [0.0, -10.0, None]
 
 
-def test_interrupted_is_status_130_and_nothing_is_written(tmp_path):
+def test_interrupted_is_status_130_and_the_rows_so_far_are_kept(tmp_path):
     command = [sys.executable, '-c', 'import sys; from polymap_ros.commands.evaluate import main; sys.exit(main())',
-               'random', '--seeds', '0:1000', '--edges', '3', '--jobs', '2', '--output', str(tmp_path / 'out')]
+               'random', '--seeds', '0:1000', '--edges', '3', '--jobs', '2', '--method', 'rectangle', '--output',
+               str(tmp_path)]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     try:
         deadline = time.monotonic() + 60.0
-        seen = ''
-        while 'polymap_evaluate:' not in seen and time.monotonic() < deadline:
-            seen += process.stderr.read(1)
+        partial = tmp_path / 'results.partial.csv'
+        while not partial.exists() and time.monotonic() < deadline:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(0.05)
+                break
         os.killpg(process.pid, signal.SIGINT)
         _, rest = process.communicate(timeout=60.0)
     finally:
@@ -113,7 +129,8 @@ def test_interrupted_is_status_130_and_nothing_is_written(tmp_path):
     assert process.returncode == 130
     assert rest.strip().splitlines()[-1] == 'polymap_evaluate: interrupted'
     assert 'Traceback' not in rest
-    assert not (tmp_path / 'out').exists()
+    assert [path.name for path in tmp_path.iterdir()] == ['results.partial.csv']
+    assert {row['edges'] for row in rows(partial)} == {'3'}
 
 
 def test_help_does_not_load_what_it_does_not_need():

@@ -18,14 +18,30 @@ def test_success_is_drawn_per_method_in_percent(make_trial):
     trials = [make_trial(seed, edges, method, right=(seed < 3 * (edges == 3)) and method == 'paper')
               for seed in range(4) for edges in (3, 6) for method in ('paper', 'rectangle')]
     figure = success_figure(trials, 'plates')
-    axes = figure.axes[0]
-    assert axes.get_title() == 'plates'
+    axes, = figure.axes
+    assert figure.get_suptitle() == 'plates'
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ['paper', 'rectangle']
     paper, rectangle = (container.lines[0] for container in axes.containers)
     np.testing.assert_allclose(paper.get_ydata(), [75.0, 0.0])
     np.testing.assert_allclose(rectangle.get_ydata(), [0.0, 0.0])
     np.testing.assert_allclose(paper.get_xdata(), [3, 6], atol=0.2)
     np.testing.assert_array_equal(axes.get_xticks(), [3, 6])
+
+
+def test_success_over_the_snr_is_drawn_beside_that_over_the_edges(make_trial, tmp_path):
+    trials = [make_trial(seed, edges, method, snr_db=snr_db, right=snr_db > -20.0 * (edges == 3) - 5.0 * seed)
+              for seed in range(4) for edges in (3, 6) for method in ('paper', 'rectangle')
+              for snr_db in (0.0, -10.0, -20.0)]
+    figure = success_figure(trials, 'plates')
+    over_edges, over_snr = figure.axes
+    paper = over_edges.containers[0].lines[0]
+    np.testing.assert_allclose(paper.get_xdata(), [3, 6], atol=0.2)
+    np.testing.assert_allclose(paper.get_ydata(), [100.0, 75.0])
+    paper = over_snr.containers[0].lines[0]
+    np.testing.assert_allclose(paper.get_xdata(), [-20, -10, 0], atol=0.2)
+    np.testing.assert_allclose(paper.get_ydata(), [37.5, 62.5, 87.5])
+    figure.savefig(tmp_path / 'figure.png')
+    assert (tmp_path / 'figure.png').stat().st_size > 10_000
 
 
 def test_convergence_has_a_column_per_scene_with_medians_and_baseline(make_history, tmp_path):

@@ -8,7 +8,8 @@ import pytest
 from polymap_ros.evaluation.random_experiment import RandomExperiment, in_order
 from polymap_ros.evaluation.trials import filled_mapper, judged, run_trials
 from polymap_ros.evaluation.variants import VARIANTS
-from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
+from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.mapping.lines import half_plane_polygon
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scene_file import load_scene
@@ -33,6 +34,23 @@ def test_an_answer_is_judged_by_its_walls():
     assert judged(answer([[0, 0], [1.0, 0], [1.0, 0.756], [0, 0.756]]), scene, 'paper', 0.1, tolerance_m=0.01).right
 
 
+def test_errors_are_judged_by_the_standard_deviations_and_real_edges_counted():
+    scene = load_scene('rectangle')
+    edges = (Edge(0.001, -np.pi / 2, 0.95, 0.002, 0.1), Edge(1.03, 0.01, 0.92, 0.01, 0.004),
+             Edge(0.75, np.pi / 2, 0.5, 0.002, 0.1), Edge(0.0, np.pi, 1.0, 0.002, 0.1))
+    corners, which = half_plane_polygon(np.array([(edge.r, edge.theta) for edge in edges]))
+    edges = tuple(edges[index] for index in which)
+    cautions = Caution('weak_edge', ''), Caution('unexplained', '')
+    estimate = Estimate('closed', 'evidence', polygon=Candidate(corners, edges), cautions=cautions)
+    trial = judged(estimate, scene, 'evidence', 0.1)
+    assert sorted(trial.z_r) == pytest.approx([0.0, 0.0, 0.5, 3.0])
+    assert sorted(trial.z_theta) == pytest.approx([0.0, 0.0, 0.0, 2.5])
+    assert (trial.certain_edges, trial.certain_real, trial.least_likelihood) == (3, 2, 0.5)
+    assert (trial.cautions, trial.flagged) == (('weak_edge', 'unexplained'), True)
+    plain = judged(answer([[0, 0], [1.0, 0], [1.0, 0.75], [0, 0.75]]), scene, 'paper', 0.1)
+    assert (plain.z_r, plain.flagged, plain.certain_real) == ((), False, 4)
+
+
 def test_a_missing_wall_has_no_error():
     trial = judged(answer([[0, 0], [1.0, 0], [0, 0.75]]), load_scene('rectangle'), 'paper', 0.1)
     assert (trial.estimated_edges, trial.right, len(trial.offsets_m), len(trial.angles_deg)) == (3, False, 3, 3)
@@ -40,7 +58,9 @@ def test_a_missing_wall_has_no_error():
 
 def test_no_polygon_is_wrong_and_has_no_errors():
     trial = judged(Estimate('open', 'paper'), load_scene('rectangle'), 'paper', 0.1)
-    assert (trial.status, trial.right, trial.iou, trial.estimated_edges, trial.offsets_m) == ('open', False, 0.0, 0, ())
+    assert (trial.status, trial.right, trial.iou, trial.estimated_edges) == ('open', False, 0.0, 0)
+    assert trial.offsets_m == trial.z_r == ()
+    assert trial.flagged
     assert trial.row()['max_offset_m'] is None
 
 
@@ -69,12 +89,13 @@ def test_the_mapper_is_given_the_reported_positions():
 
 
 def test_a_random_experiment_runs_every_method_on_every_scene():
-    experiment = RandomExperiment('pings_20', range(5, 7), range(3, 5), ['rectangle', 'paper'], None, Parameters())
-    assert experiment.scenes() == [(5, 3), (5, 4), (6, 3), (6, 4)]
+    experiment = RandomExperiment('pings_20', range(5, 7), range(3, 5), ['rectangle', 'paper'], [-10.0, None], Parameters())
+    assert experiment.scenes() == [
+        (seed, edges, snr_db) for seed in (5, 6) for edges in (3, 4) for snr_db in (-10.0, None)]
     trials = in_order([trial for scene in experiment.scenes()[::-1] for trial in experiment.run_one(*scene)])
-    assert [(trial.seed, trial.edges, trial.method) for trial in trials] == [
-        (seed, edges, method) for seed in (5, 6) for edges in (3, 4) for method in ('paper', 'rectangle')]
-    assert {trial.snr_db for trial in trials} == {None}
+    assert [(trial.seed, trial.edges, trial.snr_db, trial.method) for trial in trials] == [
+        (seed, edges, snr_db, method) for seed in (5, 6) for edges in (3, 4) for snr_db in (None, -10.0)
+        for method in ('paper', 'rectangle')]
 
 
 @pytest.mark.parametrize('name', VARIANTS)
