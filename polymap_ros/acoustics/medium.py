@@ -75,12 +75,18 @@ class LambA0:
         low, high = shear.copy(), 2.0 * shear + np.sqrt(shear)
         while np.any(growing := (_rayleigh_lamb(high, longitudinal, shear) > 0.0)):
             high = np.where(growing, 2.0 * high, high)
-        for _ in range(60):  # halves a bracket of relative width ~1 to below one unit in the last place
+        for _ in range(12):  # bisection to a bracket of relative width 1e-4 ...
             middle = 0.5 * (low + high)
             above = _rayleigh_lamb(middle, longitudinal, shear) > 0.0
             low, high = np.where(above, middle, low), np.where(above, high, middle)
-        root: NDArray[np.float64] = 0.5 * (low + high) / half
-        return root
+        # ... over which the slope changes by as little: every step of Newton's method gains four digits.
+        rise = _rayleigh_lamb(high, longitudinal, shear) - _rayleigh_lamb(low, longitudinal, shear)
+        run = np.divide(high - low, rise, out=np.zeros_like(rise), where=rise < 0.0)
+        root = 0.5 * (low + high)
+        for _ in range(4):
+            root = np.clip(root - _rayleigh_lamb(root, longitudinal, shear) * run, low, high)
+        wavenumber: NDArray[np.float64] = root / half
+        return wavenumber
 
     def excitability(self, omega_rad_s: ArrayLike) -> NDArray[np.float64]:
         k = self.wavenumber(omega_rad_s)

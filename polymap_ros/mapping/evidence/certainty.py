@@ -86,13 +86,24 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
         derived = search.power.derivatives(found.model, FULL_ORDER)
         assert derived is not None
         _, scores, information = derived
-    inverse = np.linalg.inv(information)
+    # Scaled to a diagonal of 1, so that the ridge is relative: what the pings cannot tell has a large error, not none.
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    ridge = 1e-9 * np.eye(len(scale))
+    inverse = np.linalg.inv(information * np.outer(scale, scale) + ridge) * np.outer(scale, scale)
     centred = scores - scores.mean(axis=0)
     pings = len(scores)
     spread = inverse @ (centred.T @ centred) @ inverse * (pings / max(pings - 3, 1))
     n = len(found.lines)
     blocks = [(inverse[3 * k:3 * k + 2, 3 * k:3 * k + 2], spread[3 * k:3 * k + 2, 3 * k:3 * k + 2]) for k in range(n)]
-    covariance = np.array(
-        [plain * max(1.0, float(np.max(np.diag(robust) / np.diag(plain)))) for plain, robust in blocks])
+    covariance = np.array([_larger(plain, robust) for plain, robust in blocks])
     covariance[:, 0, 0] += (_CYCLE_ERROR * np.pi / search.data.pulse.carrier) ** 2
     return covariance
+
+
+def _larger(plain: NDArray[np.float64], robust: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A covariance (2, 2) scaled up to the larger variances of another, and no less than rounding."""
+    variances = np.maximum(np.diag(plain), 1e-18)
+    factor = max(1.0, float(np.max(np.diag(robust) / variances)))
+    bound = 0.999 * np.sqrt(variances[0] * variances[1])
+    off = float(np.clip(plain[0, 1], -bound, bound))
+    return factor * np.array([[variances[0], off], [off, variances[1]]])

@@ -86,19 +86,15 @@ class PowerLikelihood:
         """Fit strength and background to the walls, in place; returns F, or -inf where no polygon is bounded."""
         if self(model, order) == -np.inf:
             return -np.inf
-        first = self.data.first_cell
-        power, explained = self.data.power[:, first:], self.explained[:, first:]
         for _ in range(rounds):
             for _ in range(3):  # Newton's method, Fisher information as the curvature
-                expected = 1.0 + model.background[first:] + model.strength * explained
-                share = explained / expected
-                gradient = float(np.sum(share * (power / expected - 1.0)))
-                model.strength = max(model.strength + gradient / max(float(np.sum(share**2)), 1e-300),
-                                     0.3 * model.strength)
+                gradient, information = _strength_slope(
+                    self.data.power, self.explained, model.background, model.strength, self.data.first_cell)
+                model.strength = max(model.strength + gradient / max(information, 1e-300), 0.3 * model.strength)
             model.background = self._smooth(
-                np.mean(self.data.power - 1.0 - model.strength * self.explained, axis=0))
-        expected = self.expected(model)[:, first:]
-        return float(self.data.weight * np.sum(power * (1.0 - 1.0 / expected) - np.log(expected)))
+                np.mean(self.data.power, axis=0) - 1.0 - model.strength * np.mean(self.explained, axis=0))
+        return float(self.data.weight * _cells_likelihood(
+            self.data.power, self.explained, model.background, model.strength, self.data.first_cell))
 
     def refine(self, model: Model, order: int, iterations: int = 5) -> tuple[Model, float]:
         """Climb to the nearest maximum of F over lines and losses (Levenberg-Marquardt on Fisher's information)."""
@@ -216,9 +212,15 @@ def _power_likelihood(
                 k = int(x)
                 if k < len(shape) - 1:
                     row[j] += a[m] * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
+        product = 1.0  # a logarithm of many factors at once
         for j in range(first, n_cells):
             t = 1.0 + background[j] + strength * row[j]
-            total += weight * (power[i, j] * (1.0 - 1.0 / t) - np.log(t))
+            total += weight * power[i, j] * (1.0 - 1.0 / t)
+            product *= t
+            if product > 1e200:
+                total -= weight * np.log(product)
+                product = 1.0
+        total -= weight * np.log(product)
         if not derive:
             continue
         for m in range(count):
@@ -251,4 +253,41 @@ def _power_likelihood(
                 scores[i, index[u]] += slope * factor[u]
                 for v in range(2 * hits[m]):
                     information[index[u], index[v]] += bend * factor[u] * factor[v]
+    return total
+
+
+@kernel
+def _strength_slope(
+    power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
+    first: int,
+) -> tuple[float, float]:
+    """Derivative of F by the strength, and its Fisher information, both over the weight."""
+    gradient, information = 0.0, 0.0
+    for i in range(len(power)):
+        for j in range(first, power.shape[1]):
+            if explained[i, j] > 0.0:
+                t = 1.0 + background[j] + strength * explained[i, j]
+                share = explained[i, j] / t
+                gradient += share * (power[i, j] / t - 1.0)
+                information += share * share
+    return gradient, information
+
+
+@kernel
+def _cells_likelihood(
+    power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
+    first: int,
+) -> float:
+    """F over the weight, from power that was predicted before."""
+    total = 0.0
+    for i in range(len(power)):
+        product = 1.0
+        for j in range(first, power.shape[1]):
+            t = 1.0 + background[j] + strength * explained[i, j]
+            total += power[i, j] * (1.0 - 1.0 / t)
+            product *= t
+            if product > 1e200:
+                total -= np.log(product)
+                product = 1.0
+        total -= np.log(product)
     return total

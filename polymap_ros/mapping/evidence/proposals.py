@@ -47,7 +47,7 @@ def first_strength(data: EchoData, expected: NDArray[np.float64]) -> float:
     strength = 0.5 * float(np.median(np.max((data.power[:, near] - 1.0) * decay, axis=1)))
     strength = max(strength, 1e-6)
     for _ in range(2):
-        lines = strongest_lines(data, expected, strength, 4).lines
+        lines = strongest_lines(data, expected, strength, 4, angles=180).lines
         if len(lines) == 0:
             break
         found = [_run_strength(data, expected, strength, line) for line in lines]
@@ -129,24 +129,24 @@ def _run_scores(
 def annealed_subset(
     data: EchoData, candidates: Candidates, evidence: NDArray[np.float64], price: float, max_edges: int,
     iterations: int, generator: np.random.Generator,
-) -> NDArray[np.float64]:
+) -> NDArray[np.int64]:
     """The subset of candidates with the most first-order evidence, each foot on its finite edge, less the price.
 
     Simulated annealing over add, drop and exchange, from a temperature of 30 nats (a wall's evidence) to 1.
 
     Returns
     -------
-    ndarray, shape (n, 2)
-        Lines; they need not close.
+    ndarray, shape (n,)
+        Indices of the candidates; their lines need not close.
     """
     if len(candidates.lines) == 0:
-        return np.empty((0, 2))
+        return np.empty(0, np.int64)
     chances = np.cumsum(np.sqrt(candidates.evidence))
     draws = generator.random((iterations, 4))
     box = 2.0 * (data.range_max_m + data.extent_m)
     chosen = _anneal(candidates.lines, chances / chances[-1], data.positions, evidence, data.cell_m, price, box,
                      max_edges, draws)
-    return candidates.lines[chosen]
+    return np.asarray(chosen)
 
 
 @kernel
@@ -276,7 +276,8 @@ def strongest_chords(
     angles = int(np.clip(2.0 * np.pi * data.extent_m / data.pulse.width_m, 120, 360))
     theta = 2.0 * np.pi * np.arange(angles) / angles - np.pi
     normals = np.column_stack((np.cos(theta), np.sin(theta)))
-    low, high = (data.positions @ normals.T).max(axis=0), (corners @ normals.T).max(axis=0)
+    low = (data.positions @ normals.T).max(axis=0)
+    high = np.minimum((corners @ normals.T).max(axis=0), low + data.range_max_m)  # corners may be very far
     count = int(np.ceil((high - low).max() / data.cell_m)) + 1
     r = low[:, None] + (0.5 + np.arange(count)) * data.cell_m
     lines = np.column_stack((r.ravel(), np.repeat(theta, count)))

@@ -11,6 +11,7 @@ from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
 from polymap_ros.mapping.evidence.proposals import (
+    Candidates,
     annealed_subset,
     chord_evidence,
     first_strength,
@@ -23,7 +24,7 @@ from polymap_ros.mapping.lines import edges_of
 
 PRICE = 17.0
 """Nats that one more edge has to bring: its Occam factor, the prior range over the posterior width in r and theta,
-ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi). A false-alarm rate of 1e-3 over the cells of the map gives 18."""
+ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi). A false-alarm rate of 1e-3 over the map's cells gives 18."""
 
 POOL = 100
 _CHORDS = 12
@@ -39,6 +40,9 @@ _SEARCH_ORDER = 3
 _COHERENT = 0.2
 """Share of the power's log likelihood below which the waveform's says that phases are not to be trusted; with them the
 waveform is worth more than the power, and with a wrong edge in it still more than half."""
+
+_ALL_EXPLAINED = 0.98
+"""Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
 FULL_ORDER = 5
 _ROUNDS = 20
@@ -76,6 +80,7 @@ class Search:
         self._start = self.power.initial(0.0)
         self._expected = 1.0 + self._start.background[None, :]
         self.pool = np.empty((0, 2))
+        self.heard = Candidates(self.pool, np.empty(0))
 
     def starts(self) -> Iterator[Model | None]:
         """Closed polygons to start from, each found by annealing at another assumed strength; None: none closes."""
@@ -88,8 +93,10 @@ class Search:
         candidates = strongest_lines(self.data, self._expected, strength, POOL)
         self.pool = candidates.lines
         evidence = foot_evidence(self.data, self._expected, strength)
-        subset = annealed_subset(
+        chosen = annealed_subset(
             self.data, candidates, evidence, PRICE, self._max_edges, _ANNEALING, self._generator)
+        self.heard = Candidates(candidates.lines[chosen], candidates.evidence[chosen])
+        subset = self.heard.lines
         for line in (None, *candidates.lines):
             subset = subset if line is None else np.vstack((subset, line))
             lines = active(subset)
@@ -196,8 +203,10 @@ class Search:
         for _ in range(_ROUNDS):
             yield
             changed = yield from self._dropped(wave)
-            if changed is None:
-                changed = yield from self._added(model, wave)
+            if changed is None and self._explained(wave) < _ALL_EXPLAINED:
+                changed = yield from self._slipped(wave)
+                if changed is None:
+                    changed = yield from self._added(model, wave)
             if changed is None:
                 break
             wave = changed
@@ -209,9 +218,7 @@ class Search:
         excess = self.data.power[:, first:] - 1.0
         price = PRICE * len(model.lines)
         if wave is not None:
-            left = self.wave.residual_power(wave, FULL_ORDER)[:, first:] - 1.0
-            explained = 1.0 - float(left.sum()) / max(float(excess.sum()), 1e-300)
-            return Found(model, wave, explained, wave.value - price)
+            return Found(model, wave, self._explained(wave), wave.value - price)
         value = self.power.fit_nuisances(model, FULL_ORDER)
         if not np.isfinite(value):
             return None
@@ -220,6 +227,13 @@ class Search:
         explained = float(np.sum(predicted * excess)) / max(float(np.sum(predicted**2)), 1e-300)
         explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
         return Found(model, None, min(explained, 1.0), value - price)
+
+    def _explained(self, wave: Wave) -> float:
+        """Share of the echoes' power that the waveform takes away."""
+        first = self.data.first_cell
+        left = self.wave.residual_power(wave, FULL_ORDER)[:, first:] - 1.0
+        excess = self.data.power[:, first:] - 1.0
+        return 1.0 - float(left.sum()) / max(float(excess.sum()), 1e-300)
 
     def _aligned(self, model: Model) -> Wave | None:
         """The waveform's maximum near a refined power model, from the first order up."""
@@ -245,6 +259,26 @@ class Search:
             if fewer is not None and (best is None or fewer.value > best.value):
                 best = fewer
         return best if best is not None and best.value + PRICE > wave.value else None
+
+    def _slipped(self, wave: Wave) -> Generator[None, None, Wave | None]:
+        """The best waveform with one wall half a cycle of range off and its sign turned, or a whole cycle off."""
+        cycle = np.pi / self.data.pulse.carrier
+        trials = []
+        for wall in range(len(wave.lines)):
+            yield
+            for slip, sign in ((-0.5, -1.0), (0.5, -1.0), (-1.0, 1.0), (1.0, 1.0)):
+                lines, reflection = wave.lines.copy(), wave.reflection.copy()
+                lines[wall, 0] += slip * cycle
+                reflection[wall] *= sign
+                moved = self.wave.evaluate(lines, reflection, wave.phase, FULL_ORDER, derive=False)
+                if moved is not None:
+                    trials.append(moved)
+        for trial in sorted(trials, key=lambda moved: -moved.value)[:2]:
+            yield
+            moved = self.wave.refine(trial.lines, trial.reflection, trial.phase, FULL_ORDER)
+            if moved is not None and moved.value > wave.value + 1.0:
+                return moved
+        return None
 
     def _added(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
         """The best waveform with one edge more, proposed by what the waveform leaves unexplained."""

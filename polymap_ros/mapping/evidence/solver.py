@@ -10,7 +10,7 @@ from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
-from polymap_ros.mapping.evidence.search import Found, Search
+from polymap_ros.mapping.evidence.search import PRICE, Found, Search
 from polymap_ros.mapping.lines import feet_on_edges
 from polymap_ros.mapping.snapshot import Snapshot
 from polymap_ros.mapping.solver import Evidence
@@ -22,9 +22,6 @@ right polygons of clean scenes explain 0.97 or more, wrong ones rarely 0.9."""
 
 CERTAIN = 0.9
 """Likelihood from which an edge counts as certain."""
-
-AMBIGUITY = 6.0
-"""Nats within which a mirror image fits as well."""
 
 
 class EvidenceSolver:
@@ -76,8 +73,7 @@ class EvidenceSolver:
         found = yield from self._found(search)
         self._last = found
         if found is None:
-            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
-                'not_closed', 'no walls that were heard bound an area'),))
+            return self._open(snapshot, search)
         certainty = yield from certainty_of(search, found)
         return self._conclude(snapshot, search, found, certainty)
 
@@ -98,13 +94,27 @@ class EvidenceSolver:
                 break
         return best
 
+    def _open(self, snapshot: Snapshot, search: Search) -> Estimate:
+        """The walls that were heard at first order, where they bound no area."""
+        edges = (Edge(float(r), float(theta), float(1.0 / (1.0 + np.exp(np.clip(PRICE - evidence, -500.0, 500.0)))))
+                 for (r, theta), evidence in zip(*search.heard, strict=True))
+        walls = tuple(edge for edge in edges if edge.likelihood >= CERTAIN)
+        cautions = [Caution('not_closed', f'{len(walls)} walls that are certain bound no area')]
+        return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
+                        cautions=(*self._straight(snapshot), *cautions))
+
+    def _straight(self, snapshot: Snapshot) -> list[Caution]:
+        width = path_half_width(snapshot)
+        if width is None:
+            return []
+        return [Caution('straight_path', f'the sensor stayed within {width:.3g} m of one straight line, about which '
+                                         'walls cannot be told from their mirror images; drive a turn')]
+
     def _conclude(self, snapshot: Snapshot, search: Search, found: Found, certainty: Certainty) -> Estimate:
         candidate = polygon_of(found, certainty, search.data.positions)
-        cautions = self._cautions(search, found, candidate)
-        width = path_half_width(snapshot)
-        if width is not None:
-            cautions.insert(0, Caution('straight_path', f'the sensor stayed within {width:.3g} m of one straight line, '
-                                       'about which walls cannot be told from their mirror images; drive a turn'))
+        straight = self._straight(snapshot)
+        cautions = straight + self._cautions(search, found, candidate)
+        if straight:
             return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
                             alternatives=(candidate, mirrored(candidate, snapshot.positions)))
         if certainty.unsupported:
