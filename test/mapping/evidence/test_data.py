@@ -1,0 +1,117 @@
+"""Echoes in units of the noise: what is noise has variance 1, what is an echo keeps its place, phase and power."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.mapping.evidence.data import EchoData
+from polymap_ros.mapping.listening import Listener
+from polymap_ros.mapping.sounding import Sounding
+from polymap_ros.parameters import Parameters
+
+PARAMETERS = Parameters()
+
+
+@pytest.fixture(scope='module')
+def listener():
+    return Listener(PARAMETERS, BeamformingMap(PARAMETERS.grid).r_m)
+
+
+@pytest.fixture(scope='module')
+def noise(listener):
+    """Soundings of white noise alone, with the noise that the listener tells, at random places."""
+    generator = np.random.default_rng(4)
+    return [Sounding(0, *generator.uniform(0.0, 0.5, 2), *listener.hear(Ping(0, generator.normal(size=2048), 1e-6)))
+            for _ in range(200)]
+
+
+def data_of(soundings, listener, blanking_m=0.02):
+    return EchoData.of(soundings, listener.shape, 0.5, blanking_m)
+
+
+def test_noise_has_variance_one_in_each_part_and_an_exponential_power(noise, listener):
+    data = data_of(noise, listener)
+    middle = data.signal[:, 100:-200]  # the last ranges are heard in part
+    assert np.var(middle.real) == pytest.approx(1.0, abs=0.03)
+    assert np.var(middle.imag) == pytest.approx(1.0, abs=0.03)
+    assert abs(np.mean(middle)) < 0.03
+    power = data.power[:, data.first_cell:-10]
+    assert power.mean() == pytest.approx(1.0, abs=0.03)
+    for level in (0.3, 1.0, 3.0):
+        assert np.mean(power > level) == pytest.approx(np.exp(-level), abs=0.02)
+    assert np.mean(data.filling == 0.0) > 0.98
+
+
+def test_independent_cells_are_counted_right(listener):
+    """The variance of a ping's mean power, in units of noise that is known, is that of so many exponentials."""
+    generator = np.random.default_rng(5)
+    soundings = []
+    for samples in generator.normal(size=(400, 2048)):
+        echo, envelope, rho, _ = listener.hear(Ping(0, samples, 1e-6))
+        soundings.append(Sounding(0, 0.0, 0.0, echo, envelope, rho, 1.0 / np.linalg.norm(samples)))
+    data = data_of(soundings, listener)
+    power = data.power[:, data.first_cell:-10]
+    assert np.var(power.mean(axis=1)) == pytest.approx(1.0 / (data.weight * power.shape[1]), rel=0.2)
+
+
+def test_power_is_that_of_the_signal_at_the_cells(in_pentagon):
+    data = in_pentagon.data
+    stride = round(data.cell_m / data.pulse.step_m)
+    assert data.cell_m == pytest.approx(stride * data.pulse.step_m)
+    assert 2.5 < data.pulse.width_m / data.cell_m < 3.6
+    cells = data.signal[:, ::stride][:, :data.power.shape[1]]
+    np.testing.assert_allclose(data.power, 0.5 * np.abs(cells) ** 2 + data.filling[:, None], rtol=1e-5)
+    assert data.range_max_m < 3.0
+    assert (data.power.shape[1] - 1) * data.cell_m <= data.range_max_m + data.cell_m
+    assert data.extent_m == pytest.approx(np.hypot(*(data.positions.max(axis=0) - data.positions.min(axis=0))))
+
+
+def test_the_signal_without_its_carrier_is_slow_and_keeps_the_phase(hear, pentagon, inside):
+    heard = hear(pentagon, inside(pentagon, 3), clean=True, order=1)
+    data, pulse = heard.data, heard.data.pulse
+    turns = np.angle(data.signal[:, 1:] * np.conj(data.signal[:, :-1]))
+    loud = np.abs(data.signal[:, 1:]) > 0.3 * np.abs(data.signal).max()
+    assert np.abs(turns[loud]).max() < 0.2  # 2 k0 of the carrier would turn by 0.5 a step
+    for i, (x, y) in enumerate(data.positions):
+        d = (heard.lines[:, 0] - x * np.cos(heard.lines[:, 1]) - y * np.sin(heard.lines[:, 1])).min()
+        cell = round(d / pulse.step_m)
+        phase = np.angle(data.signal[i, cell] * np.exp(2j * pulse.carrier * d))
+        assert phase == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize('blanking_m', [0.0, 0.02, 0.3])
+def test_the_blanking_ends_after_a_pulse_at_least(noise, listener, blanking_m):
+    data = data_of(noise[:3], listener, blanking_m)
+    first_m = data.first_cell * data.cell_m
+    assert max(blanking_m, data.pulse.width_m) <= first_m < max(blanking_m, data.pulse.width_m) + data.cell_m
+
+
+def test_gains_are_the_echoes_powers(hear, pentagon):
+    """One place again and again, with gains over 12 dB in known noise."""
+    heard = hear(pentagon, np.tile((0.5, 0.4), (30, 1)), snr_db=20.0, gain_range_db=0.0)
+    factors = np.geomspace(0.5, 2.0, 30)
+    echoes = heard.data.signal.astype(complex) * np.exp(2j * heard.data.pulse.carrier * heard.data.pulse.step_m
+                                                        * np.arange(heard.data.signal.shape[1]))
+    soundings = [Sounding(0, 0.0, 0.0, (factor * echo).astype(np.complex64), np.empty(0, np.float32), 0.0, 1.0)
+                 for factor, echo in zip(factors, echoes, strict=True)]
+    gain = EchoData.of(soundings, heard.data.pulse, 0.5, 0.02).gain
+    np.testing.assert_allclose(gain, factors**2, rtol=0.1)
+    assert np.median(gain) == pytest.approx(1.0)
+
+
+def test_noise_that_counts_for_more_than_it_is_is_filled_up(noise, listener):
+    quiet = [dataclasses.replace(each, noise=2.0 * each.noise) for each in noise]
+    data = data_of(quiet, listener)
+    np.testing.assert_allclose(data.filling, 0.75, atol=0.1)
+    assert data.power[:, data.first_cell:-10].mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_the_loudness_cancels(noise, listener):
+    generator = np.random.default_rng(8)
+    samples = generator.normal(size=2048)
+    one, other = (data_of([Sounding(0, 0.0, 0.0, *listener.hear(Ping(0, scale * samples, 1e-6)))], listener)
+                  for scale in (1.0, 1e-6))
+    np.testing.assert_allclose(one.power, other.power, rtol=1e-4)
