@@ -245,7 +245,8 @@ class SolverParameters(Group):
     """The search for the polygon."""
 
     PREFIX = 'solver.'
-    method: str = parameter('evidence', 'how the polygon is found', choices=('evidence', 'paper', 'rectangle'), live=True)
+    method: str = parameter('evidence', 'how the polygon is found', choices=('evidence', 'paper', 'rectangle'),
+                            live=True)
     max_edges: int = parameter(10, 'K, upper bound of the number of edges', minimum=3, maximum=64, live=True)
     period_s: float = parameter(1.0, 'time between two solves of the node', unit='s', above=0.0, live=True)
     seed: int = parameter(1, 'seed of the one random generator', minimum=0, live=True)
