@@ -11,12 +11,14 @@ from polymap_ros.commands import console
 
 if TYPE_CHECKING:
     from polymap_ros.evaluation.rows import Result
+    from polymap_ros.parameters import Parameters
 
 T = TypeVar('T')
 PROGRAM = 'polymap_evaluate'
 _DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
 rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
-same scenes. Ranges are always estimated from the signals.'''
+same scenes. "online": the same scenes with an estimate after every ping. Ranges are always estimated from the
+signals.'''
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -24,25 +26,25 @@ def main(argv: Sequence[str] | None = None) -> int:
     for library in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA'):  # one core per process, so that times can be compared
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
     arguments = _parser().parse_args(argv)
-    experiment = {'paper': _paper, 'random': _random}[arguments.experiment]
+    experiment = _EXPERIMENTS[arguments.experiment]
     return console.execute(PROGRAM, lambda: experiment(arguments))
 
 
 def _parser() -> console.Parser:
     parser = console.Parser(PROGRAM, _DESCRIPTION)
-    parser.add_argument('experiment', choices=('paper', 'random'))
+    parser.add_argument('experiment', choices=tuple(_EXPERIMENTS))
     parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='folder for results and figures')
     parser.add_argument('--snr-db', type=_snrs, default=[0.0], metavar='X,...',
                         help='per ping; none: no noise; random: one or several (default: 0)')
     parser.add_argument('--jobs', type=_count, default=1, metavar='N', help='processes (default: 1)')
     parser.add_argument('--method', type=_names, metavar='M,...',
-                        help='random: methods (default: solver.method); paper: methods to run once beside')
+                        help='methods (default: solver.method); paper: methods to run once beside')
     parser.add_argument('--repetitions', type=_count, metavar='N', help='paper: per scene (default: 10)')
-    parser.add_argument('--edges', type=_edges, metavar='A-B', help='random: numbers of edges (default: 3-8)')
+    parser.add_argument('--edges', type=_edges, metavar='A-B', help='random, online: numbers of edges (default: 3-8)')
     parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
-                        help='random: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
+                        help='random, online: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
     parser.add_argument('--variant', metavar='V',
-                        help='random: what the scenes are like; an unknown name lists all (default: plate)')
+                        help='random, online: what the scenes are like; an unknown name lists all (default: plate)')
     console.add_parameter_arguments(parser)
     return parser
 
@@ -107,30 +109,61 @@ def _paper(arguments: argparse.Namespace) -> int:
 
 
 def _random(arguments: argparse.Namespace) -> int:
-    from polymap_ros.errors import UsageError
     from polymap_ros.evaluation import figures, tables
     from polymap_ros.evaluation.random_experiment import RandomExperiment, in_order
-    from polymap_ros.evaluation.variants import VARIANTS
 
     _refuse(arguments, 'repetitions')
-    name, edges, seeds = arguments.variant or 'plate', arguments.edges or range(3, 9), arguments.seeds or range(10)
-    if name not in VARIANTS:
-        known = '; '.join(f'{other} ({variant.text})' for other, variant in VARIANTS.items())
-        raise UsageError(f'--variant {name}: known: {known}')
-    parameters = console.read_parameters(arguments)
-    methods = arguments.method or [parameters.solver.method]
-    for method in methods:
-        parameters.replaced({'solver.method': method})
+    name, title = _variant(arguments)
+    parameters, methods, seeds, edges = _scenes(arguments)
     experiment = RandomExperiment(name, seeds, edges, methods, arguments.snr_db, parameters)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = in_order([trial for group in done for trial in group])
     text = (f'{tables.random_table(trials)}\n\n{tables.accuracy_table(trials)}\n\n'
             f'Not right, by seed (*: flagged):\n\n{tables.failures(trials)}')
+    _write(arguments.output, trials, text, {'success.png': figures.success_figure(trials, title)})
+    return console.DONE
+
+
+def _online(arguments: argparse.Namespace) -> int:
+    from polymap_ros.evaluation import online_report
+    from polymap_ros.evaluation.online_experiment import OnlineExperiment
+
+    _refuse(arguments, 'repetitions')
+    name, title = _variant(arguments)
+    parameters, methods, seeds, edges = _scenes(arguments)
+    experiment = OnlineExperiment(name, seeds, edges, methods, _one(arguments.snr_db), parameters)
+    done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda runs: runs)
+    runs = sorted((run for group in done for run in group), key=lambda run: (run.seed, run.edges, run.method))
+    text = f'{online_report.online_table(runs)}\n\nNot steady:\n\n{online_report.unsteady(runs)}'
+    _write(arguments.output, runs, text, {'online.png': online_report.online_figure(runs, title)})
+    return console.DONE
+
+
+_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online}
+
+
+def _variant(arguments: argparse.Namespace) -> tuple[str, str]:
+    """Name of the variant, and a title for its pictures."""
+    from polymap_ros.errors import UsageError
+    from polymap_ros.evaluation.variants import VARIANTS
+
+    name = arguments.variant or 'plate'
+    if name not in VARIANTS:
+        known = '; '.join(f'{other} ({variant.text})' for other, variant in VARIANTS.items())
+        raise UsageError(f'--variant {name}: known: {known}')
     title = VARIANTS[name].text
     if len(arguments.snr_db) == 1:
         title += ', no noise' if arguments.snr_db[0] is None else f', {arguments.snr_db[0]:g} dB'
-    _write(arguments.output, trials, text, {'success.png': figures.success_figure(trials, title)})
-    return console.DONE
+    return name, title
+
+
+def _scenes(arguments: argparse.Namespace) -> 'tuple[Parameters, list[str], range, range]':
+    """Parameters, methods, seeds and numbers of edges."""
+    parameters = console.read_parameters(arguments)
+    methods = arguments.method or [parameters.solver.method]
+    for method in methods:
+        parameters.replaced({'solver.method': method})
+    return parameters, methods, arguments.seeds or range(10), arguments.edges or range(3, 9)
 
 
 def _refuse(arguments: argparse.Namespace, *names: str) -> None:

@@ -20,7 +20,7 @@ def success_figure(trials: Sequence[Trial], title: str) -> Any:
     """
     levels = sorted(unique(trial.snr_db for trial in trials if trial.snr_db is not None), reverse=True)
     several = len(levels) > 1
-    figure = _figure(9.6 if several else 5.6, 3.6)
+    figure = new_figure(9.6 if several else 5.6, 3.6)
     axes = figure.subplots(1, 2 if several else 1, sharey=True, squeeze=False)[0]
     figure.suptitle(title, fontsize='medium')
     at_one = [trial for trial in trials if trial.snr_db == levels[0]] if several else trials
@@ -64,7 +64,7 @@ def convergence_figure(histories: Mapping[str, Sequence[History]], baselines: Ma
     baselines : mapping from scene to float
         IoU of the baseline, drawn as a black line.
     """
-    figure = _figure(0.8 + 3.2 * len(histories), 6.0)
+    figure = new_figure(0.8 + 3.2 * len(histories), 6.0)
     grid = figure.subplots(3, len(histories), sharex=True, squeeze=False)
     for column, (name, runs) in zip(grid.T, histories.items(), strict=True):
         for axes, quantity in zip(column, ('cost', 'edges', 'iou'), strict=True):
@@ -85,7 +85,8 @@ def convergence_figure(histories: Mapping[str, Sequence[History]], baselines: Ma
     return figure
 
 
-def _figure(width_in: float, height_in: float) -> Any:
+def new_figure(width_in: float, height_in: float) -> Any:
+    """An empty figure of this size; no window, no global state."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width_in, height_in), layout='constrained')

@@ -56,6 +56,15 @@ def test_several_snrs_have_their_own_rows_and_a_second_picture(tmp_path, capsys)
     assert all(f'| rectangle | {snr_db} | 4 | 2 |' in table for snr_db in ('inf', '0', '-20'))
 
 
+def test_estimates_after_every_ping(tmp_path, capsys):
+    assert main(['online', '--method', 'rectangle', '--variant', 'pings_20', '--edges', '4', '--seeds', '4:6',
+                 '--output', str(tmp_path)]) == 0
+    results = rows(tmp_path / 'results.csv')
+    assert [(row['seed'], row['pings'], len(row['right'])) for row in results] == [('4', '20', 20), ('5', '20', 20)]
+    assert (tmp_path / 'table.md').read_text() in capsys.readouterr().out
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['online.png', 'results.csv', 'table.md']
+
+
 def test_the_paper_s_experiment(tmp_path, capsys):
     assert main(['paper', '--repetitions', '2', '-p', 'solver.iterations:=60', '--output', str(tmp_path)]) == 0
     results = rows(tmp_path / 'results.csv')
@@ -76,6 +85,8 @@ def test_the_paper_s_experiment(tmp_path, capsys):
     (['random', '--repetitions', '3'], '--repetitions'),
     (['paper', '--seeds', '0:3'], '--seeds'),
     (['paper', '--snr-db', '0,-10'], '--snr-db'),
+    (['online', '--snr-db', '0,-10'], '--snr-db'),
+    (['online', '--repetitions', '3'], '--repetitions'),
     (['random', '--variant', 'needle', '--edges', '4', '--seeds', '0:1'], 'needle with 4 edges'),
 ])
 def test_wrong_use_is_one_line_and_status_2(tmp_path, capsys, arguments, word):

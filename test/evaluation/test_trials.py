@@ -89,7 +89,8 @@ def test_the_mapper_is_given_the_reported_positions():
 
 
 def test_a_random_experiment_runs_every_method_on_every_scene():
-    experiment = RandomExperiment('pings_20', range(5, 7), range(3, 5), ['rectangle', 'paper'], [-10.0, None], Parameters())
+    experiment = RandomExperiment('pings_20', range(5, 7), range(3, 5), ['rectangle', 'paper'], [-10.0, None],
+                                  Parameters())
     assert experiment.scenes() == [
         (seed, edges, snr_db) for seed in (5, 6) for edges in (3, 4) for snr_db in (-10.0, None)]
     trials = in_order([trial for scene in experiment.scenes()[::-1] for trial in experiment.run_one(*scene)])
