@@ -127,7 +127,9 @@ class PowerLikelihood:
     ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]] | None:
         """F with the prior of the losses, each ping's gradient (N, 3 n) of F, and the Fisher information (3 n, 3 n).
 
-        The parameters are r, theta and ln rho^2 of each wall; None where the walls bound no polygon.
+        The parameters are r, theta and ln rho^2 of each wall; None where the walls bound no polygon. The decay of an
+        echo with its range is left out of the gradient, which does no harm where the model fits, and the overlap of
+        echoes out of the information.
         """
         closed, corners = corners_of(model.lines)
         if not closed:
