@@ -49,15 +49,15 @@ def _wave_loss(search: Search, wave: Wave, wall: int) -> tuple[float, bool]:
     """What leaving a wall out costs, and whether only its echoes can be left out, since it closes the polygon."""
     fewer = without_wall(search.wave, wave, wall)
     bounding = fewer is None
-    silent = wave.reflection.copy()
-    silent[wall] = 0.0
-    options = [search.wave.evaluate(wave.lines, silent, wave.phase, FULL_ORDER, derive=False), fewer]
-    known = [option for option in options if option is not None]
-    best = max(known, key=lambda option: option.value)
-    loss = wave.value - best.value
+    if fewer is None:
+        silent = wave.reflection.copy()
+        silent[wall] = 0.0
+        fewer = search.wave.evaluate(wave.lines, silent, wave.phase, FULL_ORDER, derive=False)
+        assert fewer is not None, 'the walls bound a polygon'
+    loss = wave.value - fewer.value
     if loss < _OBVIOUS:
-        refitted = search.wave.refine(best.lines, best.reflection, best.phase, FULL_ORDER, 4)
-        loss = wave.value - (refitted or best).value
+        refitted = search.wave.refine(fewer.lines, fewer.reflection, fewer.phase, FULL_ORDER, 4)
+        loss = wave.value - (refitted or fewer).value
     return loss, bounding
 
 

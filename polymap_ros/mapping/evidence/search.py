@@ -316,6 +316,6 @@ def active(lines: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def without_wall(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> Wave | None:
-    """The waveform with one wall left out, not refined; None where the others bound no polygon."""
+    """The waveform with one wall left out, neither refined nor derived; None where the others bound no polygon."""
     lines, reflection = np.delete(wave.lines, wall, 0), np.delete(wave.reflection, wall)
-    return likelihood.evaluate(np.ascontiguousarray(lines), reflection, wave.phase, FULL_ORDER)
+    return likelihood.evaluate(np.ascontiguousarray(lines), reflection, wave.phase, FULL_ORDER, derive=False)
