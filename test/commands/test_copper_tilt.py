@@ -67,18 +67,18 @@ def line_fit(scan):
     return np.rad2deg(np.arcsin(slope)), offset_m
 
 
-@pytest.mark.parametrize(('method', 'reason'), [('evidence', 'no polygon closes: '), ('paper', 'mirror images')])
-def test_the_map_peaks_at_the_copper_plane(call, scan, recording, tmp_path, method, reason):
+@pytest.mark.parametrize('method', ['evidence', 'paper'])
+def test_the_map_peaks_at_the_copper_plane(call, scan, recording, tmp_path, method):
     (tmp_path / 'copper.yaml').write_text(PARAMETERS)
     done = call('replay', recording, '--params-file', 'copper.yaml', '--output', 'out', '--save-map', '--plot',
                 '-p', f'solver.method:={method}')
     assert done.status == 1, done.err
-    assert reason in done.complaint
+    assert 'mirror images' in done.complaint
 
     found = json.loads((tmp_path / 'out' / 'polygon.json').read_text())
     assert (found['vertices'], found['edges']) == ([], [])
     assert found['status'] in ('open', 'ambiguous')
-    assert len(found['warnings']) > 0
+    assert 'straight_path' in [warning['code'] for warning in found['warnings']]
     assert found['pings'] == {'received': 301, 'used': 301, 'dropped': {}}
     assert not (tmp_path / 'out' / 'map.pgm').exists()
 

@@ -14,7 +14,8 @@ _OBVIOUS = 400.0
 """Nats that no refit of the other walls makes up for."""
 
 _CYCLE_ERROR = 1e-3
-"""Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be known."""
+"""Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
+known; without phase, of the pulse's width."""
 
 
 class Certainty(NamedTuple):
@@ -96,7 +97,9 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     n = len(found.lines)
     blocks = [(inverse[3 * k:3 * k + 2, 3 * k:3 * k + 2], spread[3 * k:3 * k + 2, 3 * k:3 * k + 2]) for k in range(n)]
     covariance = np.array([_larger(plain, robust) for plain, robust in blocks])
-    covariance[:, 0, 0] += (_CYCLE_ERROR * np.pi / search.data.pulse.carrier) ** 2
+    pulse = search.data.pulse
+    cycle = np.pi / pulse.carrier if found.wave is not None else pulse.width_m
+    covariance[:, 0, 0] += (_CYCLE_ERROR * cycle) ** 2
     return covariance
 
 

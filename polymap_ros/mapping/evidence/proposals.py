@@ -18,6 +18,9 @@ from polymap_ros.mapping.evidence.data import EchoData
 _BLANKED = -3.0
 """Evidence of a foot that would have been heard within the blanked range."""
 
+_NEARLY_NOTHING = 0.02
+"""Share of the strongest echo anywhere below which nothing was heard near by."""
+
 
 class Candidates(NamedTuple):
     """Lines (n, 2) in falling order of their evidence (n,) [nats]."""
@@ -42,9 +45,12 @@ def first_strength(data: EchoData, expected: NDArray[np.float64]) -> float:
     walls, so each round takes the lower of the two.
     """
     ranges = np.arange(data.power.shape[1]) * data.cell_m
+    at_one_metre = (data.power - 1.0) * ranges ** (2.0 * data.spreading)
     near = slice(data.first_cell, max(data.first_cell + 8, data.power.shape[1] // 5))
-    decay = ranges[near] ** (2.0 * data.spreading)
-    strength = 0.5 * float(np.median(np.max((data.power[:, near] - 1.0) * decay, axis=1)))
+    strength, anywhere = (0.5 * float(np.median(np.max(at_one_metre[:, cells], axis=1)))
+                          for cells in (near, slice(data.first_cell, None)))
+    if strength < _NEARLY_NOTHING * anywhere:
+        strength = anywhere
     strength = max(strength, 1e-6)
     for _ in range(2):
         lines = strongest_lines(data, expected, strength, 4, angles=180).lines
@@ -55,23 +61,37 @@ def first_strength(data: EchoData, expected: NDArray[np.float64]) -> float:
     return strength
 
 
+def run_evidence(
+    data: EchoData, expected: NDArray[np.float64], strength: float, line: NDArray[np.float64]
+) -> float:
+    """Evidence of a line's best contiguous run."""
+    pings, cell = _best_run(data, expected, strength, line)
+    return float(np.sum(foot_evidence(data, expected, strength)[pings, cell]))
+
+
 def _run_strength(
     data: EchoData, expected: NDArray[np.float64], strength: float, line: NDArray[np.float64]
 ) -> float:
+    """Strength of a first-order echo over a line's best run."""
+    run, cell = _best_run(data, expected, strength, line)
+    background = np.broadcast_to(expected, data.power.shape)[run, cell]
+    distance = line[0] - data.positions[run] @ np.array([np.cos(line[1]), np.sin(line[1])])
+    share = data.gain[run] * distance ** (-2.0 * data.spreading) / background
+    return float(np.sum(data.power[run, cell] / background - 1.0) / max(np.sum(share), 1e-300))
+
+
+def _best_run(
+    data: EchoData, expected: NDArray[np.float64], strength: float, line: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pings of the contiguous stretch of feet with the most evidence, and their cells of range."""
     normal, along = np.array([np.cos(line[1]), np.sin(line[1])]), np.array([-np.sin(line[1]), np.cos(line[1])])
-    distance = line[0] - data.positions @ normal
-    cell = np.rint(distance / data.cell_m).astype(int)
+    cell = np.rint((line[0] - data.positions @ normal) / data.cell_m).astype(np.int64)
     pings = np.flatnonzero((cell >= data.first_cell) & (cell < data.power.shape[1]))
     pings = pings[np.argsort(data.positions[pings] @ along, kind='stable')]
-    evidence = foot_evidence(data, expected, strength)[pings, cell[pings]]
-    total = np.concatenate(([0.0], np.cumsum(evidence)))
-    rise = total - np.minimum.accumulate(total)
-    end = int(np.argmax(rise))
-    start = int(np.argmin(total[: end + 1]))
-    run = pings[start:end]
-    background = np.broadcast_to(expected, data.power.shape)[run, cell[run]]
-    share = data.gain[run] * distance[run] ** (-2.0 * data.spreading) / background
-    return float(np.sum(data.power[run, cell[run]] / background - 1.0) / max(np.sum(share), 1e-300))
+    total = np.concatenate(([0.0], np.cumsum(foot_evidence(data, expected, strength)[pings, cell[pings]])))
+    end = int(np.argmax(total - np.minimum.accumulate(total)))
+    run = pings[int(np.argmin(total[: end + 1])):end]
+    return run, cell[run]
 
 
 def strongest_lines(
@@ -79,7 +99,7 @@ def strongest_lines(
 ) -> Candidates:
     """Local maxima of the run evidence over all (r, theta), at most `most` of them."""
     if angles == 0:  # so that half a step moves the ends of the path by a quarter of the pulse's width
-        angles = int(np.clip(2.0 * np.pi * data.extent_m / data.pulse.width_m, 120, 720))
+        angles = int(np.clip(2.0 * np.pi * data.extent_m / data.pulse.width_m, 120, 7200))
     theta = 2.0 * np.pi * np.arange(angles) / angles - np.pi
     along = -np.outer(np.sin(theta), data.positions[:, 0]) + np.outer(np.cos(theta), data.positions[:, 1])
     order = np.argsort(along, axis=1, kind='stable')

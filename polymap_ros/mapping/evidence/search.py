@@ -16,6 +16,7 @@ from polymap_ros.mapping.evidence.proposals import (
     chord_evidence,
     first_strength,
     foot_evidence,
+    run_evidence,
     strongest_chords,
     strongest_lines,
 )
@@ -46,6 +47,9 @@ _ALL_EXPLAINED = 0.98
 
 FULL_ORDER = 5
 _ROUNDS = 20
+_CERTAIN_ODDS = 2.2
+"""Log odds of a likelihood of 0.9."""
+
 
 Steps = Generator[None, None, Model]
 
@@ -170,6 +174,22 @@ class Search:
             return None
         kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
         return model.with_lines(lines, np.array([kept.get(tuple(entry), 0.0) for entry in lines.tolist()]))
+
+    def certain_walls(self) -> list[tuple[NDArray[np.float64], float]]:
+        """Lines heard at first order with their evidence, each echo counted for the strongest of them only."""
+        data = self.data
+        expected = np.broadcast_to(self._expected, data.power.shape).copy()
+        cells = data.cell_m * np.arange(data.power.shape[1])
+        walls = []
+        for line in self.heard.lines[np.argsort(-self.heard.evidence, kind='stable')]:
+            evidence = run_evidence(data, expected, self._start.strength, line)
+            if evidence < PRICE + _CERTAIN_ODDS:
+                continue
+            walls.append((line, evidence))
+            distance = line[0] - data.positions @ np.array([np.cos(line[1]), np.sin(line[1])])
+            near = np.abs(cells - distance[:, None]) < 2.0 * data.pulse.width_m
+            expected = np.where(near, np.maximum(expected, data.power), expected)
+        return walls
 
     @property
     def uncertainty(self) -> float:

@@ -20,6 +20,9 @@ EXPLAINED = 0.85
 """Share of the echoes' power that a polygon has to explain, less three standard deviations of what is measured: the
 right polygons of clean scenes explain 0.97 or more, wrong ones rarely 0.9."""
 
+TOO_LITTLE = 0.5
+"""A polygon that explains less than this, less the same, is no answer."""
+
 CERTAIN = 0.9
 """Likelihood from which an edge counts as certain."""
 
@@ -72,9 +75,11 @@ class EvidenceSolver:
         yield
         found = yield from self._found(search)
         self._last = found
-        if found is None:
+        if found is None or found.explained < TOO_LITTLE - search.uncertainty:
             return self._open(snapshot, search)
         certainty = yield from certainty_of(search, found)
+        if self._straight(snapshot) and min(certainty.likelihood) < CERTAIN:
+            return self._open(snapshot, search)
         return self._conclude(snapshot, search, found, certainty)
 
     def _found(self, search: Search) -> Generator[None, None, Found | None]:
@@ -96,9 +101,8 @@ class EvidenceSolver:
 
     def _open(self, snapshot: Snapshot, search: Search) -> Estimate:
         """The walls that were heard at first order, where they bound no area."""
-        edges = (Edge(float(r), float(theta), float(1.0 / (1.0 + np.exp(np.clip(PRICE - evidence, -500.0, 500.0)))))
-                 for (r, theta), evidence in zip(*search.heard, strict=True))
-        walls = tuple(edge for edge in edges if edge.likelihood >= CERTAIN)
+        odds = ((line, np.clip(evidence - PRICE, -500.0, 500.0)) for line, evidence in search.certain_walls())
+        walls = tuple(Edge(float(r), float(theta), float(1.0 / (1.0 + np.exp(-odd)))) for (r, theta), odd in odds)
         cautions = [Caution('not_closed', f'{len(walls)} walls that are certain bound no area')]
         return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
                         cautions=(*self._straight(snapshot), *cautions))
