@@ -370,11 +370,14 @@ def parse_override(text: str) -> tuple[str, object]:
         raise ParameterError(name, f'{value!r} is not a YAML value') from error
 
 
-def load_parameters(path: Path, base: Parameters | None = None, node_name: str = NODE_NAME) -> Parameters:
-    """Read a ROS parameter file.
+def load_parameters(
+    path: Path, overrides: Mapping[str, object] | None = None, node_name: str = NODE_NAME
+) -> Parameters:
+    """Read a ROS parameter file, and then `overrides` as of a command line; the result is checked as a whole.
 
-    Keys ``/**``, ``node_name`` and ``/ns/node_name`` are taken, the most specific last. Unknown names below
-    ``/**`` belong to other nodes and are left alone, and so are names outside our groups (``use_sim_time``).
+    Keys ``/**``, ``node_name`` and ``/ns/node_name`` (or nested, ``ns: node_name:``) are taken, the most specific last.
+    Unknown names below ``/**`` belong to other nodes and are left alone, and so are names outside our groups
+    (``use_sim_time``).
 
     Raises
     ------
@@ -389,20 +392,31 @@ def load_parameters(path: Path, base: Parameters | None = None, node_name: str =
         raise ParameterError(str(path), f'is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(document, dict):
         raise ParameterError(str(path), 'is not a ROS parameter file: expected polymap_node: ros__parameters: ...')
-    keys = [key for key in document if key == '/**' or str(key).rpartition('/')[2] == node_name]
+    nodes = dict(_nodes(document, node_name))
+    keys = [key for key in nodes if key == '/**' or key.rpartition('/')[2] == node_name]
     if not keys:
         raise ParameterError(str(path), f'has no {node_name} or /** key, only {", ".join(map(str, document))}')
     values: dict[str, object] = {}
-    for key in sorted(keys, key=lambda key: (key != '/**', str(key).count('/'), str(key))):
-        body = document[key].get('ros__parameters') if isinstance(document[key], dict) else None
+    for key in sorted(keys, key=lambda key: (key != '/**', key.count('/'), key)):
+        body = nodes[key].get('ros__parameters') if isinstance(nodes[key], dict) else None
         if not isinstance(body, dict):
             raise ParameterError(str(path), f'{key} has no ros__parameters')
         entries = _flattened(body)
         if key == '/**':
             entries = {name: value for name, value in entries.items() if name in _BY_NAME}
         values |= {name: value for name, value in entries.items() if name.partition('.')[0] in _GROUPS}
-    loaded = (base or Parameters()).replaced(values)
+    loaded = Parameters().replaced(values | dict(overrides or {}))
     return dataclasses.replace(loaded, folder=path.resolve().parent)
+
+
+def _nodes(tree: Mapping[Any, Any], node_name: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
+    """Full name and body of every node; any other key that holds keys is a namespace."""
+    for key, body in tree.items():
+        name = f'{prefix}/{key}' if prefix else str(key)
+        if isinstance(body, dict) and 'ros__parameters' not in body and str(key) not in (node_name, '/**'):
+            yield from _nodes(body, node_name, name)
+        else:
+            yield name, body
 
 
 def _flattened(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, object]:

@@ -248,7 +248,21 @@ def test_unreadable_files_are_named(tmp_path):
         load_parameters(tmp_path / 'binary.yaml')
 
 
-def test_a_file_changes_what_it_names_of_a_base(write):
-    base = Parameters().replaced({'solver.seed': 5, 'grid.range_max_m': 1.0})
-    loaded = load_parameters(write('polymap_node: {ros__parameters: {solver: {seed: 6}}}'), base)
-    assert loaded == base.replaced({'solver.seed': 6})
+def test_overrides_are_the_last_word_and_leave_the_rest_of_the_file(write):
+    file = write('polymap_node: {ros__parameters: {solver: {seed: 6}, grid: {range_max_m: 1.0}}}')
+    loaded = load_parameters(file, {'solver.seed': 5})
+    assert loaded == Parameters().replaced({'solver.seed': 5, 'grid.range_max_m': 1.0})
+
+
+def test_a_namespace_may_be_nested(tmp_path):
+    path = tmp_path / 'nested.yaml'
+    path.write_text('robot:\n  polymap_node:\n    ros__parameters:\n      solver: {seed: 7}\n')
+    assert load_parameters(path).solver.seed == 7
+
+
+def test_an_override_may_complete_what_the_file_begins(tmp_path):
+    path = tmp_path / 'image.yaml'
+    path.write_text('polymap_node:\n  ros__parameters:\n    echo: {type: sensor_msgs/msg/Image}\n')
+    with pytest.raises(ParameterError, match=r'echo\.sample_period_s'):
+        load_parameters(path)
+    assert load_parameters(path, {'echo.sample_period_s': 1e-6}).echo.sample_period_s == 1e-6

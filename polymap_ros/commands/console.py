@@ -37,8 +37,10 @@ def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
 
 def read_parameters(arguments: argparse.Namespace) -> Parameters:
     """The parameters that the arguments of `add_parameter_arguments` ask for."""
-    parameters = load_parameters(arguments.params_file) if arguments.params_file else Parameters()
-    return parameters.replaced(dict(parse_override(text) for text in arguments.overrides))
+    overrides = dict(parse_override(text) for text in arguments.overrides)
+    if arguments.params_file:
+        return load_parameters(arguments.params_file, overrides)
+    return Parameters().replaced(overrides)
 
 
 def complain(program: str, text: str) -> None:
