@@ -17,8 +17,8 @@ T = TypeVar('T')
 PROGRAM = 'polymap_evaluate'
 _DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
 rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
-same scenes. "online": the same scenes with an estimate after every ping. Ranges are always estimated from the
-signals.'''
+same scenes. "online": the same scenes with an estimate after every ping. "doubt": scenes that no convex polygon
+explains, and how many of them are flagged. Ranges are always estimated from the signals.'''
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,11 +40,12 @@ def _parser() -> console.Parser:
     parser.add_argument('--method', type=_names, metavar='M,...',
                         help='methods (default: solver.method); paper: methods to run once beside')
     parser.add_argument('--repetitions', type=_count, metavar='N', help='paper: per scene (default: 10)')
-    parser.add_argument('--edges', type=_edges, metavar='A-B', help='random, online: numbers of edges (default: 3-8)')
+    parser.add_argument('--edges', type=_edges, metavar='A-B', help='all but paper: numbers of edges (default: 3-8)')
     parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
-                        help='random, online: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
+                        help='all but paper: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
     parser.add_argument('--variant', metavar='V',
-                        help='random, online: what the scenes are like; an unknown name lists all (default: plate)')
+                        help='random, online: what the scenes are like (default: plate); doubt: one kind '
+                             '(default: all); an unknown name lists all')
     console.add_parameter_arguments(parser)
     return parser
 
@@ -139,7 +140,27 @@ def _online(arguments: argparse.Namespace) -> int:
     return console.DONE
 
 
-_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online}
+def _doubt(arguments: argparse.Namespace) -> int:
+    from polymap_ros.errors import UsageError
+    from polymap_ros.evaluation.doubt_experiment import DoubtExperiment, doubt_table, faults
+    from polymap_ros.simulation.doubtful_scenes import KINDS
+
+    _refuse(arguments, 'repetitions')
+    if arguments.variant not in (None, *KINDS):
+        known = '; '.join(f'{other} ({kind.text})' for other, kind in KINDS.items())
+        raise UsageError(f'--variant {arguments.variant}: known: {known}')
+    kinds = [arguments.variant] if arguments.variant else list(KINDS)
+    parameters, methods, seeds, edges = _scenes(arguments)
+    experiment = DoubtExperiment(kinds, seeds, edges, methods, _one(arguments.snr_db), parameters)
+    done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
+    trials = sorted((trial for group in done for trial in group), key=lambda entry: (
+        entry.trial.method, kinds.index(entry.kind), entry.trial.seed))
+    text = f'{doubt_table(trials)}\n\nSilently wrong, or flagged though ordinary, by edges-seed:\n\n{faults(trials)}'
+    _write(arguments.output, trials, text, {})
+    return console.DONE
+
+
+_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt}
 
 
 def _variant(arguments: argparse.Namespace) -> tuple[str, str]:
@@ -213,4 +234,4 @@ def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict
             move_into_place(path, folder / path.name)
     PartialRows(folder).discard()
     print(table)
-    print(f'\n{folder}: results.csv, table.md, {", ".join(pictures)}')
+    print(f'\n{folder}: {", ".join(("results.csv", "table.md", *pictures))}')

@@ -32,10 +32,13 @@ def online_table(runs: Sequence[OnlineRun]) -> str:
 
 def unsteady(runs: Sequence[OnlineRun]) -> str:
     """The runs that are not right at the end, or were right and then not, by seed."""
-    lines = [f'- {run.method}, {run.edges} edges, seed {run.seed}: '
-             f'{"right" if run.right[-1] else "not right"} at the end, {run.flips} flips'
-             for run in runs if run.flips or not run.right[-1]]
-    return '\n'.join(lines) or '- none'
+    lines: dict[tuple[str, int], list[str]] = {}
+    for run in runs:
+        if run.flips or not run.right[-1]:
+            text = f'{run.seed} ({run.flips} flips{"" if run.right[-1] else ", not right at the end"})'
+            lines.setdefault((run.method, run.edges), []).append(text)
+    return '\n'.join(f'- {method}, {edges} edges: {", ".join(texts)}'
+                     for (method, edges), texts in sorted(lines.items())) or '- none'
 
 
 def online_figure(runs: Sequence[OnlineRun], title: str) -> Any:

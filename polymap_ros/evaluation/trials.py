@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polymap_ros.mapping.comparison import ANGLE_TOLERANCE_RAD, Comparison, compare
 from polymap_ros.mapping.estimate import Candidate, Estimate
@@ -100,10 +101,12 @@ class Trial:
         return row
 
 
-def filled_mapper(scene: Scene, parameters: Parameters) -> PolygonMapper:
-    """A mapper that has heard all pings of a scene at the poses that the odometry reports."""
+def filled_mapper(
+    scene: Scene, parameters: Parameters, clean: NDArray[np.float64] | None = None
+) -> PolygonMapper:
+    """A mapper that has heard all pings of a scene at the poses that the odometry reports; `clean` as in `simulate`."""
     mapper = PolygonMapper(scene.parameters(parameters), scene.recorded_pulse)
-    for ping, pose in zip(pings(scene), scene.reported_poses(), strict=True):
+    for ping, pose in zip(pings(scene, clean), scene.reported_poses(), strict=True):
         mapper.add_pose(ping.emission_ns, Pose(*pose.tolist()))
         mapper.add_ping(ping)
     mapper.finish()
@@ -115,14 +118,15 @@ ready = functools.cache(warm_up)
 
 
 def run_trials(
-    scene: Scene, methods: Sequence[str], parameters: Parameters, tolerance_m: float = TOLERANCE_M
+    scene: Scene, methods: Sequence[str], parameters: Parameters, tolerance_m: float = TOLERANCE_M,
+    clean: NDArray[np.float64] | None = None,
 ) -> list[Trial]:
     """Map the same scene by several methods; a wall is right within `tolerance_m` (see `compare`)."""
     trials = []
     for method in methods:
         chosen = parameters.replaced({'solver.method': method})
         ready(chosen)
-        mapper = filled_mapper(scene, chosen)
+        mapper = filled_mapper(scene, chosen, clean)
         started = time.perf_counter()
         estimate = mapper.solve()
         trials.append(judged(estimate, scene, method, time.perf_counter() - started, tolerance_m))

@@ -1,5 +1,8 @@
 """Eq. (1): the samples that a scene's pings receive, synthesised in the frequency domain."""
 
+from collections.abc import Callable
+from typing import TypeAlias
+
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
@@ -15,30 +18,38 @@ BAND_FLOOR = 1e-3
 """Frequencies at which the echo is weaker than this, relative to its strongest, are left out."""
 
 
-def simulate(scene: Scene) -> NDArray[np.float64]:
-    """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains and noise."""
-    samples = scene.gains()[:, None] * (clean := noise_free(scene))
+Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there."""
+
+
+def simulate(scene: Scene, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains and noise.
+
+    `clean` takes the place of what `noise_free` gives, where other echoes are to be heard.
+    """
+    clean = noise_free(scene) if clean is None else clean
+    samples = scene.gains()[:, None] * clean
     if scene.snr_db is None:
         return np.asarray(samples)
     power = np.mean(clean**2, axis=1, keepdims=True) * 10.0 ** (-scene.snr_db / 10.0)
     return np.asarray(samples + np.sqrt(power) * scene.noise())
 
 
-def pings(scene: Scene) -> list[Ping]:
-    """The scene's pings as a recording holds them: samples in single precision, stamped."""
-    samples = simulate(scene).astype(np.float32)
+def pings(scene: Scene, clean: NDArray[np.float64] | None = None) -> list[Ping]:
+    """The scene's pings as a recording holds them: samples in single precision, stamped; `clean` as in `simulate`."""
+    samples = simulate(scene, clean).astype(np.float32)
     return [Ping(int(stamp), ping, scene.period_s, scene.t0_s, frame_id='sensor')
             for stamp, ping in zip(scene.stamps_ns, samples, strict=True)]
 
 
-def noise_free(scene: Scene) -> NDArray[np.float64]:
-    """Eq. (1) without noise and at gain 1, shape (T, n_samples)."""
+def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
+    """Eq. (1) without noise and at gain 1, shape (T, n_samples); `heard` takes the place of the scene's polygon."""
+    heard = heard or (lambda position: visible_images(scene.vertices, position, scene.order, scene.reflection)[:2])
     pulse = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s)
     synthesis = Synthesis(make_medium(scene.medium), pulse, scene.n_samples, scene.period_s, scene.t0_s)
     pings = []
     for position in scene.positions:
-        images = visible_images(scene.vertices, position, scene.order, scene.reflection)
-        pings.append(synthesis(images.distance_m, images.amplitude))
+        pings.append(synthesis(*heard(position)))
     return np.array(pings)
 
 

@@ -65,6 +65,15 @@ def test_estimates_after_every_ping(tmp_path, capsys):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['online.png', 'results.csv', 'table.md']
 
 
+def test_doubtful_scenes_of_one_kind(tmp_path, capsys):
+    assert main(['doubt', '--variant', 'nearly_straight', '--method', 'rectangle', '--edges', '3-4', '--seeds', '2:4',
+                 '--output', str(tmp_path)]) == 0
+    assert [(row['kind'], row['seed'], row['edges'], row['status']) for row in rows(tmp_path / 'results.csv')] == [
+        ('nearly_straight', '2', '3', 'ambiguous'), ('nearly_straight', '3', '4', 'ambiguous')]
+    assert '| 2 | yes | 100.0 % |' in (tmp_path / 'table.md').read_text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['results.csv', 'table.md']
+
+
 def test_the_paper_s_experiment(tmp_path, capsys):
     assert main(['paper', '--repetitions', '2', '-p', 'solver.iterations:=60', '--output', str(tmp_path)]) == 0
     results = rows(tmp_path / 'results.csv')
@@ -87,6 +96,7 @@ def test_the_paper_s_experiment(tmp_path, capsys):
     (['paper', '--snr-db', '0,-10'], '--snr-db'),
     (['online', '--snr-db', '0,-10'], '--snr-db'),
     (['online', '--repetitions', '3'], '--repetitions'),
+    (['doubt', '--variant', 'plate'], 'nearly_straight'),
     (['random', '--variant', 'needle', '--edges', '4', '--seeds', '0:1'], 'needle with 4 edges'),
 ])
 def test_wrong_use_is_one_line_and_status_2(tmp_path, capsys, arguments, word):

@@ -75,8 +75,9 @@ def test_the_table_and_the_list_say_how_soon_and_how_steadily():
     assert rows[0] == ['evidence', '4', '2', '100.0 %', '3', '3', '0.50', '50.0 %', '50.0 %', '0.250', '1.000',
                        '0.250', '0.250']
     assert rows[1][:8] == ['paper', '4', '1', '0.0 %', 'never', 'never', '0.00', '100.0 %']
-    assert unsteady(runs) == ('- evidence, 4 edges, seed 2: right at the end, 1 flips\n'
-                              '- paper, 4 edges, seed 1: not right at the end, 0 flips')
+    assert unsteady([*runs, run('0100', seed=6)]) == (
+        '- evidence, 4 edges: 2 (1 flips), 6 (1 flips, not right at the end)\n'
+        '- paper, 4 edges: 1 (0 flips, not right at the end)')
     assert unsteady(runs[:1]) == '- none'
 
 

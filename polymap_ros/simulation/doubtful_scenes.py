@@ -1,0 +1,211 @@
+"""Scenes in which a convex polygon is not the answer, or not all of it: what must never be answered silently wrong."""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.parameters import MediumParameters
+from polymap_ros.simulation.random_scenes import air_filled, random_scene
+from polymap_ros.simulation.reflectors import Reflectors, heard_images
+from polymap_ros.simulation.scenes import Scene, half_planes
+from polymap_ros.simulation.waveforms import noise_free
+
+SPEED_OF_S0_M_S = 5264.0
+"""Group speed of S0 at 100 kHz in 6 mm of aluminium."""
+
+_PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
+_SEAM = 0.5
+_STREAM = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Doubtful:
+    """What is heard, and what the mapper believes.
+
+    Parameters
+    ----------
+    scene : Scene
+        Path, noise and what the mapper is told; its polygon is the truth, or the convex hull of an outline that is
+        not convex.
+    clean : ndarray, shape (T, n_samples)
+        What is heard, without noise.
+    """
+
+    scene: Scene
+    clean: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How a scene is made from its seed and number of edges, and whether an answer without a warning is a fault."""
+
+    text: str
+    make: Callable[[int, int], Doubtful]
+    must_be_flagged: bool = True
+
+
+def _generator(scene: Scene) -> np.random.Generator:
+    return np.random.default_rng([scene.seed, len(scene.vertices), _STREAM])
+
+
+def _as_it_is(scene: Scene) -> Doubtful:
+    return Doubtful(scene, noise_free(scene))
+
+
+def _along_a_line(width: float) -> Callable[[int, int], Doubtful]:
+    """A path along one line, winding by this share of its length from side to side."""
+    def make(seed: int, edges: int) -> Doubtful:
+        scene = random_scene(seed, edges)
+        normals, offsets = half_planes(scene.vertices)
+        places = _generator(scene).uniform(scene.vertices.min(axis=0), scene.vertices.max(axis=0), size=(4000, 2))
+        places = places[(places @ normals.T <= offsets - _CLEARANCE_M - 0.04).all(axis=1)][:40]
+        apart = np.linalg.norm(places[:, None] - places[None], axis=2)
+        start, end = places[list(np.unravel_index(apart.argmax(), apart.shape))]
+        share = np.linspace(0.0, 1.0, _PINGS)
+        along = end - start
+        aside = 0.5 * width * np.sin(3.0 * np.pi * share)[:, None] * np.array((-along[1], along[0]))
+        positions = start + share[:, None] * along + aside
+        headings = np.full(_PINGS, np.arctan2(along[1], along[0]))
+        return _as_it_is(dataclasses.replace(scene, poses=np.column_stack((positions, headings))))
+    return make
+
+
+def _unheard(seed: int, edges: int) -> Doubtful:
+    """One edge reflects nothing."""
+    scene = random_scene(seed, edges)
+    reflection = np.ones(edges)
+    reflection[_generator(scene).integers(edges)] = 0.0
+    return _as_it_is(dataclasses.replace(scene, reflection=reflection))
+
+
+def l_shape(generator: np.random.Generator) -> NDArray[np.float64]:
+    """Corners (6, 2) of an L, counter-clockwise [m]."""
+    width, height = generator.uniform(0.9, 1.4, 2)
+    x, y = generator.uniform(0.35, 0.65, 2) * (width, height)
+    return np.array([[0.0, 0.0], [width, 0.0], [width, y], [x, y], [x, height], [0.0, height]])
+
+
+def t_shape(generator: np.random.Generator) -> NDArray[np.float64]:
+    """Corners (8, 2) of a T, counter-clockwise [m]."""
+    width, height = generator.uniform(1.0, 1.5, 2)
+    left, right = np.array((generator.uniform(0.2, 0.35), generator.uniform(0.65, 0.8))) * width
+    y = generator.uniform(0.4, 0.6) * height
+    return np.array([[left, 0.0], [right, 0.0], [right, y], [width, y], [width, height], [0.0, height], [0.0, y],
+                     [left, y]])
+
+
+def _not_convex(outline: Callable[[np.random.Generator], NDArray[np.float64]]) -> Callable[[int, int], Doubtful]:
+    def make(seed: int, edges: int) -> Doubtful:
+        generator = np.random.default_rng([seed, edges, _STREAM])
+        corners, turn = outline(generator), generator.uniform(0.0, 2.0 * np.pi)
+        c, s = np.cos(turn), np.sin(turn)
+        corners = (corners - corners.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+        scene = Scene(name='', vertices=_hull(corners), poses=_walk(corners, generator), seed=seed)
+        return Doubtful(scene, _among(Reflectors.outline(corners), scene))
+    return make
+
+
+def _hull(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    from scipy.spatial import ConvexHull
+
+    return np.asarray(corners[ConvexHull(corners).vertices])
+
+
+def _walk(corners: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
+    """Poses on straight legs between random places in a simple polygon, clear of its edges."""
+    import shapely
+
+    free = shapely.Polygon(corners).buffer(-_CLEARANCE_M)
+    poses: list[tuple[float, float, float]] = []
+    place = None
+    while len(poses) < _PINGS:
+        target = generator.uniform(corners.min(axis=0), corners.max(axis=0))
+        if not free.covers(shapely.Point(target) if place is None else shapely.LineString((place, target))):
+            continue
+        if place is not None:
+            x, y = target - place
+            hops = int(np.hypot(x, y) / _STEP_M)
+            heading = float(np.arctan2(y, x))
+            steps = np.arange(1, hops + 1)[:, None] * _STEP_M * np.array((np.cos(heading), np.sin(heading)))
+            poses += [(float(at[0]), float(at[1]), heading) for at in place + steps]
+            target = place + steps[-1] if hops else place
+        place = target
+    return np.array(poses[:_PINGS])
+
+
+def _among(reflectors: Reflectors, scene: Scene) -> NDArray[np.float64]:
+    def heard(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        images, amplitude = heard_images(reflectors, position, scene.order)
+        return np.linalg.norm(images - position, axis=1), amplitude
+    return noise_free(scene, heard)
+
+
+def _seam(share: float) -> Callable[[int, int], Doubtful]:
+    """A line inside, over this share of a chord of the room, that reflects half the amplitude."""
+    def make(seed: int, edges: int) -> Doubtful:
+        scene = random_scene(seed, edges)
+        generator = _generator(scene)
+        normals, offsets = half_planes(scene.vertices)
+        middle = generator.dirichlet(np.full(edges, 5.0)) @ scene.vertices
+        angle = generator.uniform(0.0, np.pi)
+        along = np.array((np.cos(angle), np.sin(angle)))
+        with np.errstate(divide='ignore'):
+            reach = (offsets - normals @ middle) / (normals @ along)
+        low, high = reach[reach < 0.0].max(), reach[reach > 0.0].min()
+        low, high = 0.5 * (low + high) + 0.5 * share * np.array((-1.0, 1.0)) * (high - low)
+        reflectors = Reflectors.outline(scene.vertices).with_seam(middle + low * along, middle + high * along, _SEAM)
+        return Doubtful(scene, _among(reflectors, scene))
+    return make
+
+
+def _second_mode(level_db: float) -> Callable[[int, int], Doubtful]:
+    """The same room heard by S0, too, with this ratio of its power to that of A0 over the whole run."""
+    def make(seed: int, edges: int) -> Doubtful:
+        scene = random_scene(seed, edges)
+        fast = MediumParameters(model='constant', speed_m_s=SPEED_OF_S0_M_S, spreading_exponent=0.5)
+        slow, other = noise_free(scene), noise_free(dataclasses.replace(scene, medium=fast))
+        level = np.sqrt(np.mean(slow**2) / np.mean(other**2)) * 10.0 ** (level_db / 20.0)
+        return Doubtful(scene, slow + level * other)
+    return make
+
+
+def _mistaken(**wrong: float) -> Callable[[int, int], Doubtful]:
+    """The mapper is told another medium."""
+    def make(seed: int, edges: int) -> Doubtful:
+        scene = random_scene(seed, edges)
+        told = dataclasses.replace(scene.medium, **wrong)  # type: ignore[arg-type]
+        return Doubtful(dataclasses.replace(scene, medium=told), noise_free(scene))
+    return make
+
+
+def _mistaken_air(seed: int, edges: int) -> Doubtful:
+    scene = air_filled(random_scene(seed, edges))
+    told = dataclasses.replace(scene.medium, speed_m_s=1.2 * scene.medium.speed_m_s)
+    return Doubtful(dataclasses.replace(scene, medium=told), noise_free(scene))
+
+
+_PLATE = MediumParameters()
+
+ORDINARY = 'ordinary'
+"""The kind that is to be flagged as rarely as can be."""
+
+KINDS = {
+    'straight': Kind('straight path', _along_a_line(0.0)),
+    'nearly_straight': Kind('path 1.5 % as wide as long', _along_a_line(0.015)),
+    'bent': Kind('path 5 % as wide as long', _along_a_line(0.05), must_be_flagged=False),
+    'unheard': Kind('one wall reflects nothing', _unheard),
+    'l_shape': Kind('L-shaped outline', _not_convex(l_shape)),
+    't_shape': Kind('T-shaped outline', _not_convex(t_shape)),
+    'seam': Kind('seam across the room that reflects half the amplitude', _seam(1.0)),
+    'stiffener': Kind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
+    'mode_0db': Kind('S0 as strong as A0', _second_mode(0.0)),
+    'mode_-10db': Kind('S0 10 dB below A0', _second_mode(-10.0)),
+    'wrong_speeds': Kind('both speeds of the plate taken 20 % too low', _mistaken(
+        longitudinal_speed_m_s=0.8 * _PLATE.longitudinal_speed_m_s, shear_speed_m_s=0.8 * _PLATE.shear_speed_m_s)),
+    'wrong_thickness': Kind('thickness taken 20 % too small', _mistaken(thickness_m=0.8 * _PLATE.thickness_m)),
+    'wrong_air': Kind('rooms of air, speed taken 20 % too high', _mistaken_air),
+    ORDINARY: Kind('ordinary', lambda seed, edges: _as_it_is(random_scene(seed, edges)), must_be_flagged=False),
+}
