@@ -139,9 +139,14 @@ class PolygonMapper:
         assert self.estimate is not None
         return self.estimate
 
+    @property
+    def evidence(self) -> Evidence:
+        """What a solver may look at."""
+        return Evidence(tuple(self.soundings), self.beam_map, self.free_area, self._listener.shape)
+
     def begin_solve(self) -> None:
         """Begin a solve on what has been heard so far."""
-        self._solver.begin(Evidence(tuple(self.soundings), self.beam_map, self.free_area, self._listener.shape))
+        self._solver.begin(self.evidence)
         self._solving = True
 
     def advance(self, iterations: int) -> bool:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.mapping.evidence.solver import rehearse
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
@@ -26,3 +27,5 @@ def warm_up(parameters: Parameters, recorded_pulse: NDArray[np.float64] | None =
     mapper.begin_solve()
     mapper.advance(1)
     mapper.preview()
+    if parameters.solver.method == 'evidence':
+        rehearse(mapper.evidence, parameters)

@@ -96,9 +96,7 @@ class Search:
         """Anneal over subsets of the strongest lines; None where all lines together bound no polygon."""
         candidates = strongest_lines(self.data, self._expected, strength, POOL)
         self.pool = candidates.lines
-        evidence = foot_evidence(self.data, self._expected, strength)
-        chosen = annealed_subset(
-            self.data, candidates, evidence, PRICE, self._max_edges, _ANNEALING, self._generator)
+        chosen = self.choose(candidates, strength)
         self.heard = Candidates(candidates.lines[chosen], candidates.evidence[chosen])
         subset = self.heard.lines
         for line in (None, *candidates.lines):
@@ -108,6 +106,14 @@ class Search:
                 self._start.strength = strength
                 return self._start.with_lines(lines)
         return None
+
+    def choose(
+        self, candidates: Candidates, strength: float, iterations: int = _ANNEALING
+    ) -> NDArray[np.int64]:
+        """The subset of candidates with the most first-order evidence at an assumed strength."""
+        evidence = foot_evidence(self.data, self._expected, strength)
+        return annealed_subset(
+            self.data, candidates, evidence, PRICE, self._max_edges, iterations, self._generator)
 
     def polygon(self, start: Model) -> Generator[None, None, Found | None]:
         """Improve a start by single changes: power of two orders, then of three, then the waveform of five."""
@@ -231,6 +237,10 @@ class Search:
                 break
             wave = changed
         return self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
+
+    def judge(self, model: Model) -> Found | None:
+        """A model as it stands, by its waveform."""
+        return self._judged(model, self._aligned(model) if self._coherent else None)
 
     def _judged(self, model: Model, wave: Wave | None) -> Found | None:
         """What a polygon explains of the echoes' power, and what it is worth."""

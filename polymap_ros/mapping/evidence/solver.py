@@ -1,5 +1,6 @@
 """``solver.method: evidence``: the polygon whose predicted echoes explain what was heard."""
 
+import itertools
 from collections.abc import Generator
 
 import numpy as np
@@ -10,6 +11,7 @@ from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import PRICE, Found, Search
 from polymap_ros.mapping.lines import feet_on_edges
 from polymap_ros.mapping.snapshot import Snapshot
@@ -65,13 +67,11 @@ class EvidenceSolver:
             Caution('unfinished', 'the solve is still under way'),))
 
     def _solve(self, snapshot: Snapshot, evidence: Evidence) -> Generator[None, None, Estimate]:
-        heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
-        if len(heard) < MIN_PINGS or evidence.pulse is None:
+        heard = sum(1 for sounding in evidence.soundings if sounding.echo.size)
+        if heard < MIN_PINGS:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
-                'too_few_pings', f'{len(heard)} pings could be used; a polygon takes at least {MIN_PINGS}'),))
-        data = EchoData.of(heard, evidence.pulse, self._parameters.medium.spreading, self._parameters.echo.blanking_m)
-        generator = np.random.default_rng(self._parameters.solver.seed)
-        search = Search(data, self._parameters.solver.max_edges, generator, self._parameters.echo.kind == 'rf')
+                'too_few_pings', f'{heard} pings could be used; a polygon takes at least {MIN_PINGS}'),))
+        search = search_of(evidence, self._parameters)
         yield
         found = yield from self._found(search)
         self._last = found
@@ -142,6 +142,31 @@ class EvidenceSolver:
             cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions or medium '
                                     'may be off, and the polygon comes from their power alone'))
         return cautions
+
+
+def search_of(evidence: Evidence, parameters: Parameters) -> Search:
+    """A search over the pings whose echoes are kept."""
+    assert evidence.pulse is not None, 'the mapper knows its pulse'
+    heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+    data = EchoData.of(heard, evidence.pulse, parameters.medium.spreading, parameters.echo.blanking_m)
+    generator = np.random.default_rng(parameters.solver.seed)
+    return Search(data, parameters.solver.max_edges, generator, parameters.echo.kind == 'rf')
+
+
+def rehearse(evidence: Evidence, parameters: Parameters) -> None:
+    """Improve and settle a square about the pings, whatever they heard: every compiled kernel is used."""
+    search = search_of(evidence, parameters)
+    search.start(1.0)
+    middle, half = search.data.positions.mean(axis=0), search.data.extent_m
+    theta = np.arange(-1.0, 3.0) * np.pi / 2.0
+    lines = np.column_stack((np.cos(theta) * middle[0] + np.sin(theta) * middle[1] + half, theta))
+    square = search.power.initial(1.0).with_lines(lines)
+    search.choose(Candidates(lines, np.ones(len(lines))), 1.0, iterations=4)
+    steps = itertools.chain(search.improve(square, 1, residual=True), search.settle(square))
+    for _ in itertools.islice(steps, 40):
+        pass
+    search.judge(square)
+    Snapshot.of(evidence).region.iou(corners_of(square.lines)[1])
 
 
 def polygon_of(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> Candidate:

@@ -121,7 +121,7 @@ class WaveformLikelihood:
         for _ in range(iterations):
             if wave is None:
                 return None
-            step = self.step(wave)
+            step = self._step(wave, order)
             for _ in range(6):
                 trial = self._moved(wave, step, order)
                 if trial is not None and trial.value > wave.value:
@@ -134,10 +134,13 @@ class WaveformLikelihood:
                 break
         return wave
 
-    def step(self, wave: Wave) -> NDArray[np.float64]:
-        """Gauss-Newton step (n, 3) in r, theta and ln |rho|."""
-        gradient, information = self.penalised(wave)
-        return np.asarray(np.linalg.solve(information, gradient).reshape(-1, 3), dtype=float)
+    def _step(self, wave: Wave, order: int) -> NDArray[np.float64]:
+        """Gauss-Newton step (n, 3) in r, theta and ln |rho|, with the phase following the walls.
+
+        Walls that all move by the same r change little but the phase: at a phase held fast the steps are far too short.
+        """
+        gradient, _ = self.penalised(wave)
+        return np.asarray(np.linalg.solve(self.marginal_information(wave, order), gradient).reshape(-1, 3), dtype=float)
 
     def penalised(self, wave: Wave) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Gradient and Fisher information of L with the prior of the losses; what is not heard is held fast."""
