@@ -22,7 +22,8 @@ def test_a_straight_path_is_flagged():
     experiment = DoubtExperiment(['straight'], [2], [4], ['evidence'], 0.0, Parameters())
     found, = experiment.run_one('straight', 2, 4)
     assert (found.kind, found.trial.scene, found.trial.seed) == ('straight', 'straight-4-2', 2)
-    assert (found.trial.status, found.trial.flagged) == ('ambiguous', True)
+    assert found.trial.status in ('ambiguous', 'open')
+    assert found.trial.flagged
     assert 'straight_path' in found.trial.cautions
     assert list(found.row())[:2] == ['kind', 'scene']
 
