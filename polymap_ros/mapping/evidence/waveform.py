@@ -26,6 +26,9 @@ from polymap_ros.mapping.evidence.paths import CAPACITY, corners_of, path_deriva
 _LOSS_DEVIATION = 0.35
 """Prior standard deviation of ln |rho| about 0, as in `power`."""
 
+_LEAST_KNOWN = 1e-3
+"""Share of the information about the walls that the phase leaves at least."""
+
 _TURN = 1e-4
 """Turn of the phase [rad] for a derivative by differences."""
 
@@ -173,8 +176,10 @@ class WaveformLikelihood:
         turned = self._sums(wave.lines, corners, order, wave.reflection, wave.amplitudes * turn)
         cross = (wave.scores - turned[2]).sum(axis=0) / _TURN
         cross[np.repeat(wave.reflection == 0.0, 3)] = 0.0
-        phase = float(np.sum(wave.amplitudes**2 * turned[1]))
-        return information - np.outer(cross, cross) / max(phase, 1e-300)
+        # Where the echoes fit badly, the difference may claim more than the walls know; they keep a little of it.
+        taken = float(cross @ np.linalg.solve(information, cross))
+        phase = max(float(np.sum(wave.amplitudes**2 * turned[1])), taken / (1.0 - _LEAST_KNOWN), 1e-300)
+        return information - np.outer(cross, cross) / phase
 
     def _sums(
         self, lines: NDArray[np.float64], corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64],
