@@ -17,11 +17,14 @@ _CYCLE_ERROR = 1e-3
 """Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
 known; without phase, of the pulse's width."""
 
+_SILENT = 0.2
+"""Reflection coefficient below which a wall bounds the polygon by the echoes that it takes from others, not by its own."""
+
 
 class Certainty(NamedTuple):
     """Of each edge: the probability that it is real, the covariance (n, 2, 2) of r [m] and theta [rad].
 
-    `unsupported` edges bound the polygon and were not heard: without them nothing closes.
+    `unsupported` edges bound the polygon and were not heard: without them nothing closes, or they hardly reflect.
     """
 
     likelihood: NDArray[np.float64]
@@ -42,7 +45,8 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     likelihood = 1.0 / (1.0 + np.exp(np.clip(PRICE - losses, -500.0, 500.0)))
     # Where much is left unexplained, a wall that is not there may explain some of it.
     doubt = np.clip((found.explained + search.uncertainty) / 0.85, 0.0, 1.0)
-    unsupported = int(np.sum(bounding & (losses < PRICE)))
+    silent = np.zeros(len(losses), np.bool_) if found.wave is None else np.abs(found.wave.reflection) < _SILENT
+    unsupported = int(np.sum((bounding & (losses < PRICE)) | silent))
     return Certainty(likelihood * doubt, _covariance(search, found), unsupported)
 
 

@@ -46,6 +46,9 @@ _ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
 FULL_ORDER = 5
+_CUTS = (0.15, 0.3, 0.6)
+"""Shares of the shorter edge that a silent wall is tried to take away at a corner."""
+
 _ROUNDS = 20
 _CERTAIN_ODDS = 2.2
 """Log odds of a likelihood of 0.9."""
@@ -57,13 +60,15 @@ Steps = Generator[None, None, Model]
 class Found(NamedTuple):
     """A polygon as a model of power and, where the echoes agree in phase, as a waveform.
 
-    `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price.
+    `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price, and
+    `unheard` says that a wall without any echo cuts off a corner.
     """
 
     model: Model
     wave: Wave | None
     explained: float
     value: float
+    unheard: bool = False
 
     @property
     def lines(self) -> NDArray[np.float64]:
@@ -213,7 +218,8 @@ class Search:
             model, _ = self.power.refine(model, FULL_ORDER, 3)
             return self._judged(model, None)
         wave = self.wave.refine(last.wave.lines, last.wave.reflection, last.wave.phase, FULL_ORDER, 3)
-        return None if wave is None else self._judged(model.with_lines(wave.lines, model.loss), wave)
+        found = None if wave is None else self._judged(model.with_lines(wave.lines, model.loss), wave)
+        return None if found is None else found._replace(unheard=last.unheard)
 
     def settle(self, model: Model) -> Generator[None, None, Found | None]:
         """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it.
@@ -236,7 +242,33 @@ class Search:
             if changed is None:
                 break
             wave = changed
-        return self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
+        found = self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
+        unheard = yield from self._cut_off(wave)
+        return None if found is None else found._replace(unheard=unheard)
+
+    def _cut_off(self, wave: Wave) -> Generator[None, None, bool]:
+        """Whether a silent wall across a corner, which takes echoes away that were not heard, is worth its price."""
+        _, corners = corners_of(wave.lines)
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        for corner in range(len(corners)):
+            yield
+            before, after = wave.lines[corner - 1, 1], wave.lines[corner, 1]
+            theta = before + 0.5 * np.mod(after - before, 2.0 * np.pi)
+            normal = np.array([np.cos(theta), np.sin(theta)])
+            # Depth of a cut that takes a share of the shorter edge away from the corner.
+            depth = min(lengths[corner - 1], lengths[corner]) * np.sin(0.5 * np.mod(after - before, 2.0 * np.pi))
+            furthest = float(np.max(self.data.positions @ normal))
+            for share in _CUTS:
+                r = float(corners[corner] @ normal) - share * depth
+                lines = np.vstack((wave.lines, (r, np.angle(np.exp(1j * theta)))))
+                order = np.argsort(lines[:, 1], kind='stable')
+                reflection = np.append(wave.reflection, 0.0)[order]
+                if r <= furthest:
+                    break
+                cut = self.wave.evaluate(np.ascontiguousarray(lines[order]), reflection, wave.phase, FULL_ORDER, False)
+                if cut is not None and cut.value - PRICE > wave.value:
+                    return True
+        return False
 
     def judge(self, model: Model) -> Found | None:
         """A model as it stands, by its waveform."""

@@ -121,9 +121,11 @@ class EvidenceSolver:
         if straight:
             return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
                             alternatives=(candidate, mirrored(candidate, snapshot.positions)))
-        if certainty.unsupported:
-            cautions.insert(0, Caution('not_closed', f'{certainty.unsupported} of {len(candidate.edges)} edges that '
-                                       'would close the polygon were not heard'))
+        if certainty.unsupported or found.unheard:
+            cautions.insert(0, Caution('not_closed', (
+                f'{certainty.unsupported} of {len(candidate.edges)} edges that would close the polygon were not heard'
+                if certainty.unsupported else
+                'echoes are missing that a corner of the polygon would give: a wall that is not heard cuts it off')))
             walls = tuple(edge for edge in candidate.edges if edge.likelihood >= CERTAIN)
             return Estimate('open', 'evidence', snapshot.stamp_ns, cost=-found.value, walls=walls,
                             cautions=tuple(cautions))
