@@ -18,7 +18,7 @@ _CYCLE_ERROR = 1e-3
 known; without phase, of the pulse's width."""
 
 _SILENT = 0.2
-"""Reflection coefficient below which a wall bounds the polygon by the echoes that it takes from others, not by its own."""
+"""Reflection coefficient below which a wall bounds the polygon by the echoes it takes from others, not by its own."""
 
 
 class Certainty(NamedTuple):

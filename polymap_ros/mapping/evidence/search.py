@@ -60,7 +60,7 @@ Steps = Generator[None, None, Model]
 class Found(NamedTuple):
     """A polygon as a model of power and, where the echoes agree in phase, as a waveform.
 
-    `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price, and
+    `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price;
     `unheard` says that a wall without any echo cuts off a corner.
     """
 
