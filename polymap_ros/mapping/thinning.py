@@ -13,7 +13,11 @@ KEPT_PINGS = 96
 
 
 class Thinning:
-    """Where there are more than `KEPT_PINGS` echoes, the one closest to another gives way, the older of the two."""
+    """Where there are more than `KEPT_PINGS` echoes, one of the two that are closest to each other gives way.
+
+    If the newest is one of them, it is that one: were it the other, the newest ping of a slow drive would drive out the
+    one before it again and again. Else it is the one that has a third closer by, so that no gap grows.
+    """
 
     def __init__(self) -> None:
         self._kept: list[int] = []
@@ -33,12 +37,20 @@ class Thinning:
         """Take the newest sounding in; another one may lose its echo."""
         self._keep(len(soundings) - 1, soundings[-1])
         if len(self._kept) > KEPT_PINGS:
-            closest = int(np.argmin(self._gaps.min(axis=1)))
+            closest = self._closest()
             index = self._kept.pop(closest)
             self._places = np.delete(self._places, closest, 0)
             self._gaps = np.delete(np.delete(self._gaps, closest, 0), closest, 1)
             nothing = np.empty(0, np.complex64)
             soundings[index] = dataclasses.replace(soundings[index], echo=nothing, envelope=np.abs(nothing))
+
+    def _closest(self) -> int:
+        first = int(np.argmin(self._gaps.min(axis=1)))
+        second = int(np.argmin(self._gaps[first]))
+        if second == len(self._gaps) - 1:
+            return second
+        third = np.partition(self._gaps[[first, second]], 1, axis=1)[:, 1]
+        return first if third[0] < third[1] else second
 
     def _keep(self, index: int, sounding: Sounding) -> None:
         place = np.array([sounding.x, sounding.y])

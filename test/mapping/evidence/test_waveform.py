@@ -184,7 +184,7 @@ def test_the_likelihood_bends_as_the_information_says(order, hear, pentagon, ins
     for _ in range(3):
         way = generator.normal(size=(5, 2)) * (1e-5, 2e-5)
 
-        def templates(share):
+        def templates(share, way=way):
             lines = heard.lines + share * way
             return synthesise(lines, heard.reflection, heard.data.positions, order)
 

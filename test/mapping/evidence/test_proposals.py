@@ -1,0 +1,235 @@
+"""Proposals against brute force: runs of feet, clipping against shapely, chords, and all subsets of a few lines."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+
+from polymap_ros.acoustics.medium import make_medium
+from polymap_ros.acoustics.pulse import make_pulse
+from polymap_ros.mapping.evidence.proposals import (
+    Candidates,
+    _run_scores,
+    annealed_subset,
+    chord_evidence,
+    clipped,
+    edge_evidence,
+    first_strength,
+    foot_evidence,
+    strongest_chords,
+    strongest_lines,
+)
+from polymap_ros.mapping.lines import half_plane_polygon
+from polymap_ros.simulation.waveforms import Synthesis
+
+
+def unit(theta):
+    """The outward normal and, to its left, the direction along a line."""
+    return np.array((np.cos(theta), np.sin(theta))), np.array((-np.sin(theta), np.cos(theta)))
+
+
+def foot_sum(line, ends, positions, evidence, cell):
+    """First-order evidence between two points along a line, interpolated in range; -1e9 if a foot is behind a ping."""
+    normal, along = unit(line[1])
+    total = 0.0
+    for position, row in zip(positions, evidence, strict=True):
+        if ends[0] <= position @ along <= ends[1]:
+            distance = line[0] - position @ normal
+            if distance <= 0.0:
+                return -1e9
+            if distance / cell < len(row) - 1:
+                total += np.interp(distance / cell, np.arange(len(row)), row)
+    return total
+
+
+def test_the_evidence_of_a_foot_is_its_formula(in_pentagon):
+    data = in_pentagon.data
+    expected = 1.0 + np.linspace(0.5, 0.1, data.power.shape[1])[None, :]
+    found = foot_evidence(data, expected, 3.0)
+    for i, k in ((0, data.first_cell), (7, 100), (39, 700)):
+        added = 3.0 * data.gain[i] / (k * data.cell_m)
+        before, after = expected[0, k], expected[0, k] + added
+        ratio = (data.power[i, k] * (1.0 - 1.0 / after) - np.log(after)) - (
+            data.power[i, k] * (1.0 - 1.0 / before) - np.log(before))
+        assert found[i, k] == pytest.approx(ratio)
+    assert np.all(found[:, :data.first_cell] == -3.0)
+
+
+def best_run(values):
+    """Largest sum of a contiguous run, by trying all; 0 for none."""
+    sums = np.concatenate(([0.0], np.cumsum(values)))
+    return max(sums[j] - sums[i] for i in range(len(sums)) for j in range(i, len(sums)))
+
+
+def test_run_scores_are_those_of_all_runs():
+    generator = np.random.default_rng(0)
+    positions, cell, cells = generator.uniform(-0.4, 0.6, size=(15, 2)), 0.02, 60
+    evidence = generator.normal(-0.3, 1.5, size=(15, cells)).astype(np.float32)
+    theta = np.linspace(-np.pi, np.pi, 24, endpoint=False) + 0.01
+    along = np.array([positions @ unit(angle)[1] for angle in theta])
+    scores = np.zeros((24, cells), np.float32)
+    _run_scores(evidence, positions, cell, theta, np.argsort(along, axis=1), scores)
+    for t, angle in enumerate(theta):
+        offset = positions @ unit(angle)[0]
+        for j in range(cells):
+            if j * cell <= max(offset.max(), 0.0):  # a ping, or the origin, is beyond the line
+                assert scores[t, j] == 0.0
+                continue
+            feet = j + np.floor(-offset / cell + 0.5).astype(int)
+            heard = [evidence[i, feet[i]] for i in np.argsort(along[t]) if feet[i] < cells]
+            assert scores[t, j] == pytest.approx(best_run(heard), abs=1e-4)
+
+
+def test_the_strongest_lines_are_the_walls(hear, pentagon, inside):
+    heard = hear(pentagon, inside(pentagon, 60), order=1)
+    expected = 1.0 + np.zeros((1, heard.data.power.shape[1]))
+    strength = first_strength(heard.data, expected)
+    scene = heard.scene
+    echo = Synthesis(make_medium(scene.medium), make_pulse(scene.pulse), 2048, scene.period_s)(np.ones(1), np.ones(1))
+    energy = np.sum(echo**2) / 2.0  # after a path of twice the range
+    assert 0.4 < strength / (energy / (2.0 * heard.sigma**2)) < 1.0  # lower: the lines are off by half a cell
+    candidates = strongest_lines(heard.data, expected, strength, 40)
+    assert np.all(np.diff(candidates.evidence) <= 0.0)
+    assert len(candidates.lines) <= 40
+    for r, theta in heard.lines:
+        near = (np.abs(candidates.lines[:, 0] - r) < 0.01) & (
+            np.abs(np.angle(np.exp(1j * (candidates.lines[:, 1] - theta)))) < 0.05)
+        assert np.any(near[:12])
+
+
+def cut(lines, box):
+    """Corners and labels of a square cut by lines, as `clipped` gives them."""
+    size = len(lines) + 12
+    corners, spare = np.empty((size, 2)), np.empty((size, 2))
+    labels, spare_labels = np.empty(size, np.int64), np.empty(size, np.int64)
+    n = clipped(lines, np.arange(len(lines)), len(lines), box, corners, labels, spare, spare_labels)
+    return corners[:n], labels[:n]
+
+
+def half_plane(line, box):
+    normal, along = unit(line[1])
+    foot, far = line[0] * normal, 4.0 * box
+    return shapely.Polygon([foot + far * along, foot + far * along - 2 * far * normal,
+                            foot - far * along - 2 * far * normal, foot - far * along])
+
+
+@pytest.mark.parametrize('k', [0, 1, 2, 3, 5, 9])
+def test_clipping_equals_shapely(k):
+    generator = np.random.default_rng(k)
+    box, empty = 2.0, 0
+    for _ in range(100):
+        lines = np.column_stack((generator.uniform(-0.6, 1.5, k), generator.uniform(-np.pi, np.pi, k))).reshape(-1, 2)
+        expected = shapely.box(-box, -box, box, box)
+        for line in lines:
+            expected = expected.intersection(half_plane(line, box))
+        corners, labels = cut(lines, box)
+        if len(corners) == 0:
+            empty += 1
+            assert expected.area < 1e-9
+            continue
+        assert shapely.Polygon(corners).symmetric_difference(expected).area < 1e-9
+        assert shapely.Polygon(corners).exterior.is_ccw
+        for start, end, label in zip(corners, np.roll(corners, -1, axis=0), labels, strict=True):
+            if label >= 0:
+                np.testing.assert_allclose([start, end] @ unit(lines[label, 1])[0], lines[label, 0], atol=1e-9)
+            else:
+                assert np.any(np.isclose(np.abs(start), box) & np.isclose(start, end))
+    assert empty < 90
+
+
+def test_the_evidence_of_an_edge_is_that_of_its_feet():
+    generator = np.random.default_rng(3)
+    positions, evidence = generator.uniform(0.0, 0.5, size=(20, 2)), generator.normal(size=(20, 100))
+    for _ in range(50):
+        line = np.array((generator.uniform(0.2, 1.2), generator.uniform(-np.pi, np.pi)))
+        normal, along = unit(line[1])
+        ends = np.sort(generator.uniform(-0.5, 0.7, 2))
+        points = [line[0] * normal + end * along for end in ends]
+        found = edge_evidence(line, *points, positions, evidence, 0.01)
+        assert found == pytest.approx(foot_sum(line, ends, positions, evidence, 0.01), abs=1e-9)
+
+
+def test_the_evidence_of_a_chord_is_that_of_the_line_inside(pentagon):
+    generator = np.random.default_rng(4)
+    positions = generator.uniform(0.4, 0.6, size=(20, 2))
+    evidence = generator.normal(size=(20, 120))
+    pool = np.column_stack((generator.uniform(-0.2, 1.5, 300), generator.uniform(-np.pi, np.pi, 300)))
+    gains = chord_evidence(pool, pentagon, positions, evidence, 0.01)
+    cutting = 0
+    for line, gain in zip(pool, gains, strict=True):
+        normal, along = unit(line[1])
+        chord = shapely.LineString([line[0] * normal - 9.0 * along, line[0] * normal + 9.0 * along]).intersection(
+            shapely.Polygon(pentagon))
+        if chord.length < 1e-9 or np.any(positions @ normal >= line[0]):
+            assert gain == -1e9
+            continue
+        cutting += 1
+        ends = np.sort(shapely.get_coordinates(chord) @ along)
+        assert gain == pytest.approx(foot_sum(line, ends, positions, evidence, 0.01), abs=1e-9)
+    assert 20 < cutting < 280
+
+
+def test_a_corner_that_was_cut_off_is_proposed(hear, pentagon, inside):
+    """The model has four of the five walls and ends in the corner of their extensions."""
+    heard = hear(pentagon, inside(pentagon, 60), order=1)
+    for missing in range(5):
+        lines = np.delete(heard.lines, missing, 0)
+        corners, _ = half_plane_polygon(lines)
+        if len(corners) == 0:
+            continue
+        expected = np.ones((1, heard.data.power.shape[1]))
+        chords = strongest_chords(heard.data, expected, first_strength(heard.data, expected), corners, 8)
+        assert len(chords) <= 8
+        r, theta = heard.lines[missing]
+        offset = np.abs(chords[:, 0] - r)
+        angle = np.abs(np.angle(np.exp(1j * (chords[:, 1] - theta))))
+        assert np.any((offset < 0.006) & (angle < 0.02))
+
+
+def test_annealing_finds_the_best_subset_and_the_same_again(in_pentagon):
+    """Nine candidates, of which all subsets are tried with shapely-free brute force over their clipped edges."""
+    data = in_pentagon.data
+    expected = np.ones((1, data.power.shape[1]))
+    strength = first_strength(data, expected)
+    candidates = strongest_lines(data, expected, strength, 9)
+    evidence, price, box = foot_evidence(data, expected, strength), 17.0, 2.0 * (data.range_max_m + data.extent_m)
+    best = (0.0, ())
+    for size in range(1, 7):
+        for subset in itertools.combinations(range(9), size):
+            corners, labels = cut(candidates.lines[list(subset)], box)
+            if len(corners) < 3:
+                continue
+            total = -price * size
+            for start, end, label in zip(corners, np.roll(corners, -1, axis=0), labels, strict=True):
+                if label >= 0:
+                    line = candidates.lines[subset[label]]
+                    ends = (start @ unit(line[1])[1], end @ unit(line[1])[1])
+                    total += foot_sum(line, ends, data.positions, evidence, data.cell_m)
+            best = max(best, (total, subset))
+    chosen = [annealed_subset(data, candidates, evidence, price, 6, 5000, np.random.default_rng(seed))
+              for seed in (1, 1, 2)]
+    np.testing.assert_array_equal(chosen[0], chosen[1])
+    for each in chosen:
+        assert sorted(each) == list(best[1])
+
+
+def test_annealing_keeps_to_the_largest_number_and_to_nothing(in_pentagon):
+    data = in_pentagon.data
+    evidence = foot_evidence(data, np.ones((1, data.power.shape[1])), 100.0)
+    candidates = strongest_lines(data, np.ones((1, data.power.shape[1])), 100.0, 50)
+    few = annealed_subset(data, candidates, evidence, 17.0, 3, 5000, np.random.default_rng(1))
+    assert len(few) == len(set(few.tolist())) == 3
+    none = annealed_subset(data, candidates, evidence, 1e9, 10, 5000, np.random.default_rng(1))
+    assert len(none) == 0
+    empty = Candidates(np.empty((0, 2)), np.empty(0))
+    assert len(annealed_subset(data, empty, evidence, 17.0, 10, 100, np.random.default_rng(1))) == 0
+
+
+def test_noise_alone_proposes_little(in_pentagon):
+    generator = np.random.default_rng(6)
+    data = dataclasses.replace(in_pentagon.data, power=generator.exponential(size=in_pentagon.data.power.shape))
+    expected = np.ones((1, data.power.shape[1]))
+    loud = strongest_lines(in_pentagon.data, expected, 30.0, 5).evidence
+    assert strongest_lines(data, expected, 30.0, 5).evidence.max(initial=0.0) < 0.1 * loud.min()
