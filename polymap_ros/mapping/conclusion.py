@@ -91,8 +91,9 @@ def path_half_width(snapshot: Snapshot) -> float | None:
 def _axis(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Middle of the positions and the unit vector along which they spread most."""
     middle = positions.mean(axis=0)
-    _, _, directions = np.linalg.svd(positions - middle, full_matrices=True)
-    return middle, directions[0]
+    offsets = positions - middle
+    _, directions = np.linalg.eigh(offsets.T @ offsets)
+    return middle, directions[:, -1]
 
 
 def mirrored(candidate: Candidate, positions: NDArray[np.float64]) -> Candidate:
