@@ -13,7 +13,7 @@ from polymap_ros.mapping.evidence.waveform import Wave
 _OBVIOUS = 400.0
 """Nats that no refit of the other walls makes up for."""
 
-_CYCLE_ERROR = 1e-3
+_CYCLE_ERROR = 7e-4
 """Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
 known; without phase, of the pulse's width."""
 
