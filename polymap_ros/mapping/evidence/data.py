@@ -81,7 +81,7 @@ class EchoData:
         quiet = np.quantile(power, 0.2, axis=1) / -np.log(0.8)  # of an exponential's mean
         filling = np.where(quiet < _WEAK, 1.0 - quiet, 0.0)
         power += filling[:, None]
-        first = int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m)))
+        first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
         return cls(positions, signal, np.ascontiguousarray(power), filling, excess / np.median(excess), first,
                    float(ranges[-margin]), stride * pulse.step_m, pulse, spreading)
