@@ -6,6 +6,7 @@ tested against it. A group is a frozen dataclass; `Parameters` is the tree of gr
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -359,13 +360,25 @@ def _suggestion(name: str) -> str:
     return f'did you mean {close[0]}?' if close else f'known: {", ".join(known)}'
 
 
+class _Loader(yaml.SafeLoader):
+    """YAML as ROS reads it: 1e-6 is a number, as in YAML 1.2, where PyYAML's 1.1 asks for 1.0e-6."""
+
+
+_Loader.add_implicit_resolver(
+    'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789'))
+
+
+def _read_yaml(text: str) -> Any:
+    return yaml.load(text, Loader=_Loader)
+
+
 def parse_override(text: str) -> tuple[str, object]:
     """Split a command line's ``name:=value``; the value is read as YAML, as ROS does."""
     name, separator, value = text.partition(':=')
     if not separator or not name:
         raise ParameterError(text, 'expected name:=value')
     try:
-        return name, yaml.safe_load(value) if value else ''
+        return name, _read_yaml(value) if value else ''
     except yaml.YAMLError as error:
         raise ParameterError(name, f'{value!r} is not a YAML value') from error
 
@@ -385,7 +398,7 @@ def load_parameters(
         For a file that cannot be read, is not a parameter file, or holds a name or value not allowed.
     """
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        document = _read_yaml(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise ParameterError(str(path), f'cannot be read: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

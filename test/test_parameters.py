@@ -266,3 +266,10 @@ def test_an_override_may_complete_what_the_file_begins(tmp_path):
     with pytest.raises(ParameterError, match=r'echo\.sample_period_s'):
         load_parameters(path)
     assert load_parameters(path, {'echo.sample_period_s': 1e-6}).echo.sample_period_s == 1e-6
+
+
+@pytest.mark.parametrize('text', ['1e-6', '1E-6', '1.e-6', '+1e-6', '1.0e-6'])
+def test_exponents_are_numbers_as_ros_reads_them(write, text):
+    file = write(f'polymap_node: {{ros__parameters: {{echo: {{sample_period_s: {text}}}}}}}')
+    assert load_parameters(file).echo.sample_period_s == 1e-6
+    assert parse_override(f'echo.sample_period_s:={text}') == ('echo.sample_period_s', 1e-6)

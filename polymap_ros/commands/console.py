@@ -48,14 +48,20 @@ def complain(program: str, text: str) -> None:
     print(f'{program}: {" ".join(text.split())}', file=sys.stderr, flush=True)
 
 
+def tell(text: str) -> None:
+    """Print a result on stdout; who has closed it has seen enough, and the work goes on."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
 def attempt(program: str, job: Callable[[], int]) -> int:
     """Run a job; an error that a user can cause becomes one line on stderr and status 2."""
     try:
         return job()
     except PolymapError as error:
         complain(program, f'error: {error}')
-    except BrokenPipeError:
-        raise
     except OSError as error:
         complain(program, f'error: {error.filename or "file system"}: {error.strerror or error}')
     except MemoryError:
@@ -65,16 +71,14 @@ def attempt(program: str, job: Callable[[], int]) -> int:
 
 def execute(program: str, job: Callable[[], int]) -> int:
     """Run a command's job as `attempt` does; Ctrl-C becomes status 130."""
+    # A stream that the caller closed is None.
+    sys.stdout, sys.stderr = (stream or Path(os.devnull).open('w', encoding='utf-8')  # noqa: SIM115
+                              for stream in (sys.stdout, sys.stderr))
     try:
-        status = attempt(program, job)
-        sys.stdout.flush()
+        return attempt(program, job)
     except KeyboardInterrupt:
         complain(program, 'interrupted')
         return INTERRUPTED
-    except BrokenPipeError:  # whoever read the summary has seen enough; the files are written
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    return status
 
 
 @contextmanager

@@ -233,5 +233,5 @@ def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict
         for path in sorted(stage.iterdir()):
             move_into_place(path, folder / path.name)
     PartialRows(folder).discard()
-    print(table)
-    print(f'\n{folder}: {", ".join(("results.csv", "table.md", *pictures))}')
+    console.tell(table)
+    console.tell(f'\n{folder}: {", ".join(("results.csv", "table.md", *pictures))}')

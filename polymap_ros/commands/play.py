@@ -60,7 +60,7 @@ def _play(options: argparse.Namespace, command_line: list[str]) -> int:
                 if not options.loop:
                     break
             player.flush(FLUSH_S)
-    print(f'{count} messages played')
+    console.tell(f'{count} messages played')
     return console.DONE
 
 

@@ -22,7 +22,7 @@ SLICE = 5
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status."""
-    arguments = _parser().parse_args(argv)
+    arguments = _parser().parse_intermixed_args(argv)
     return console.execute(PROGRAM, lambda: _run(arguments))
 
 
@@ -104,9 +104,9 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
                 write_outcome(stage / RECORD, recording, replay.odom_topic, mapper, parameters, *interval_s)
     closed = estimate.polygon if estimate.status == 'closed' else None
     comparison = compare(closed.vertices, truth) if closed and truth is not None else None
-    print(f'{path}: {summary(estimate, mapper.frame_id, mapper.counts, cautions, comparison)}')
-    print(f'odometry: {replay.odometry.received} received, {replay.odometry.used} used')
-    print(f'{time.monotonic() - began_s:.1f} s; results in {folder}')
+    console.tell(f'{path}: {summary(estimate, mapper.frame_id, mapper.counts, cautions, comparison)}')
+    console.tell(f'odometry: {replay.odometry.received} received, {replay.odometry.used} used')
+    console.tell(f'{time.monotonic() - began_s:.1f} s; results in {folder}')
     if closed is None:
         console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')
         return console.NO_POLYGON

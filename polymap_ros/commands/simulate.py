@@ -41,7 +41,8 @@ def _simulate(arguments: argparse.Namespace) -> int:
 
     scene = load_scene(arguments.scene, recorded_path)
     record(scene, arguments.output, arguments.storage)
-    print(f'{arguments.output}: {len(scene.vertices)} edges, {len(scene.poses)} pings of {scene.n_samples} samples')
+    console.tell(
+        f'{arguments.output}: {len(scene.vertices)} edges, {len(scene.poses)} pings of {scene.n_samples} samples')
     return console.DONE
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
@@ -37,8 +38,14 @@ def run(arguments: Sequence[str]) -> None:
     rclpy.logging.set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
         _spin(PolymapNode(arguments))
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass  # while the node was being made
+    except RCLError:
+        if rclpy.ok():
+            raise
     finally:
-        rclpy.try_shutdown()
+        with suppress(RCLError):  # shut down by a signal between the look and the act
+            rclpy.try_shutdown()
 
 
 def _spin(node: PolymapNode) -> None:

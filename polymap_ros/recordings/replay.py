@@ -84,6 +84,9 @@ class Replay:
             reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
             text = f'{self.odom_topic}: of {self.odometry.received} messages dropped: {reasons}'
             found.append(Caution('odometry_dropped', text))
+        if refused := self._mapper.counts.dropped.get('wrong_type'):
+            text = f'{self.echo_topic}: {refused} dropped: {self._mapper.last_drop_texts["wrong_type"]}'
+            found.append(Caution('wrong_type', text))
         return found
 
     def _feed_odometry(self, entry: Entry) -> None:

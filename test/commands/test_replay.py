@@ -200,9 +200,11 @@ def test_help_names_every_option(run):
 
 
 def test_a_reader_of_the_summary_may_leave(start, triangle, tmp_path):
-    process = start('replay', triangle, '--output', 'out', *FAST)
+    bare = shutil.copy(triangle / 'triangle.mcap', tmp_path / 'bare.mcap')
+    process = start('replay', triangle, '-p', 'solver.seed:=2', bare, '--output', 'out', *FAST)
     process.stdout.close()
     err = process.stderr.read()
     assert process.wait(timeout=60) == 0
     assert b'Error' not in err
-    assert (tmp_path / 'out' / 'polygon.json').exists()
+    assert (tmp_path / 'out' / 'triangle' / 'polygon.json').exists()
+    assert (tmp_path / 'out' / 'bare' / 'polygon.json').exists()
