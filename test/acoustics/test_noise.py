@@ -27,6 +27,22 @@ def test_noise_is_told_from_the_echoes(snr_db, n, plate, burst, receive):
     assert np.std(ratios) < 0.1
 
 
+@pytest.mark.parametrize('pulse', [ToneBurst(2e4, 4.0), Chirp(2e4, 2e4, 2e-3)], ids=['burst', 'chirp'])
+@pytest.mark.parametrize('snr_db', [10.0, 0.0, -20.0])
+def test_so_it_is_in_air(pulse, snr_db):
+    generator, n, period = np.random.default_rng(3), 14336, 5e-6
+    gauge = NoiseGauge(ConstantSpeed(343.0), pulse, n, period)
+    wave, echoes = pulse.samples(period), np.zeros(n)
+    for first, gain in ((900, 1.0), (2100, -0.6), (8000, 0.3), (14300, 0.5)):  # the last one is cut off by the end
+        part = wave[: n - first]
+        echoes[first:first + len(part)] += gain * part
+    sigma = np.sqrt(np.mean(echoes**2) * 10 ** (-snr_db / 10))
+    for _ in range(5):
+        samples = echoes + generator.normal(scale=sigma, size=n)
+        floor = np.sqrt(MODEL_ERROR / n)
+        assert gauge(samples) == pytest.approx(max(sigma / np.linalg.norm(samples), floor), rel=0.05)
+
+
 def test_it_is_the_spread_of_eq_3_where_nothing_echoes(plate):
     generator = np.random.default_rng(2)
     ranges = 5e-3 * np.arange(601)
