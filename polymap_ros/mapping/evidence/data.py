@@ -16,6 +16,9 @@ _WEAK = 0.7
 """A ping's quietest fifth below this share of the noise says that the noise counts for more than it is: by chance it is
 that far below 1 in one ping of a thousand."""
 
+_UNHEARD = 1e-4
+"""Share of what is heard that is left away with the end of the range axis: pings may be over before it."""
+
 
 @dataclass(frozen=True, eq=False)
 class EchoData:
@@ -36,7 +39,7 @@ class EchoData:
     first_cell : int
         Cells before this are blanked.
     range_max_m : float
-        Echoes beyond this are not predicted [m].
+        Echoes beyond this are not predicted [m]: the end of the axis, or of what is heard.
     cell_m : float
         Step of the cells [m].
     pulse : PulseShape
@@ -76,12 +79,13 @@ class EchoData:
         ranges = pulse.step_m * np.arange(scaled.shape[1])
         signal = (scaled * np.exp(-2j * pulse.carrier * ranges)).astype(np.complex64)
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
-        margin = len(pulse.power) + 4
-        power = 0.5 * np.abs(scaled[:, :-margin:stride]).astype(float) ** 2
+        heard = np.cumsum(np.sum(np.abs(scaled) ** 2, axis=0))
+        last = min(int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - len(pulse.power) - 4)
+        power = 0.5 * np.abs(scaled[:, :last + 1:stride]).astype(float) ** 2
         quiet = np.quantile(power, 0.2, axis=1) / -np.log(0.8)  # of an exponential's mean
         filling = np.where(quiet < _WEAK, 1.0 - quiet, 0.0)
         power += filling[:, None]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
         return cls(positions, signal, np.ascontiguousarray(power), filling, excess / np.median(excess), first,
-                   float(ranges[-margin]), stride * pulse.step_m, pulse, spreading)
+                   float(ranges[last]), stride * pulse.step_m, pulse, spreading)

@@ -82,6 +82,20 @@ def test_the_signal_without_its_carrier_is_slow_and_keeps_the_phase(hear, pentag
         assert phase == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.parametrize('n', [700, 1000, 2048, 8192])
+def test_nothing_is_predicted_beyond_what_the_pings_can_tell(n, listener):
+    """The axis ends with the samples, by the group speed, or at 3 m; silence beyond is not taken for weak noise."""
+    generator = np.random.default_rng(6)
+    data = data_of([Sounding(0, 0.0, 0.0, *listener.hear(Ping(0, generator.normal(size=n), 1e-6)))
+                    for _ in range(20)], listener)
+    reach_m = 0.5 * 2973.0 * n * 1e-6
+    assert data.range_max_m == pytest.approx(min(reach_m, 2.98), abs=0.06)
+    assert data.cell_m * (data.power.shape[1] - 1) <= data.range_max_m
+    assert np.median(data.filling) == 0.0
+    near = (data.power - data.filling[:, None])[:, data.first_cell:round(0.8 * data.power.shape[1])]
+    assert near.mean() == pytest.approx(1.0, abs=0.05)
+
+
 @pytest.mark.parametrize('blanking_m', [0.0, 0.02, 0.3])
 def test_the_blanking_ends_after_a_pulse_at_least(noise, listener, blanking_m):
     data = data_of(noise[:3], listener, blanking_m)

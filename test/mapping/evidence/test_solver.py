@@ -235,6 +235,18 @@ def test_parallel_walls_do_not_meet(listen):
     assert np.all(np.any([is_wall(wall, truth) for wall in estimate.walls], axis=0))
 
 
+@pytest.mark.parametrize(('n_samples', 'range_max_m'), [(800, np.inf), (2048, 1.2)])
+def test_pings_that_end_before_the_range_axis_are_no_silence(n_samples, range_max_m, hexagon):
+    scene, samples, _, _ = hexagon
+    mapper = PolygonMapper(scene.parameters(Parameters()))
+    for stamp_ns, pose, row in zip(scene.stamps_ns.tolist(), scene.poses.tolist(), samples, strict=True):
+        mapper.add_pose(stamp_ns, Pose(*pose))
+        mapper.add_ping(Ping(stamp_ns, row[:n_samples], scene.period_s, range_max_m=range_max_m))
+    estimate = mapper.solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+
+
 @pytest.mark.parametrize('changes', [{'grid.range_max_m': 0.03}, {'echo.blanking_m': 2.99}, {'grid.range_max_m': 0.1}])
 def test_what_is_heard_too_near_or_not_at_all_is_no_room(changes, hexagon, feed):
     scene, samples, _, _ = hexagon
