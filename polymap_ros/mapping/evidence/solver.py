@@ -101,11 +101,13 @@ class EvidenceSolver:
 
     def _open(self, snapshot: Snapshot, search: Search) -> Estimate:
         """The walls that were heard at first order, where they bound no area."""
+        straight = self._straight(snapshot)
         odds = ((line, np.clip(evidence - PRICE, -500.0, 500.0)) for line, evidence in search.certain_walls())
-        walls = tuple(Edge(float(r), float(theta), float(1.0 / (1.0 + np.exp(-odd)))) for (r, theta), odd in odds)
+        share = 0.5 if straight else 1.0  # a wall and its mirror image about the path are equally likely
+        walls = tuple(Edge(float(r), float(theta), share / float(1.0 + np.exp(-odd))) for (r, theta), odd in odds)
         cautions = [Caution('not_closed', f'{len(walls)} walls that are certain bound no area')]
         return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
-                        cautions=(*self._straight(snapshot), *cautions))
+                        cautions=(*straight, *cautions))
 
     def _straight(self, snapshot: Snapshot) -> list[Caution]:
         width = path_half_width(snapshot)
@@ -121,11 +123,8 @@ class EvidenceSolver:
         if straight:
             return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
                             alternatives=(candidate, mirrored(candidate, snapshot.positions)))
-        if certainty.unsupported or found.unheard:
-            cautions.insert(0, Caution('not_closed', (
-                f'{certainty.unsupported} of {len(candidate.edges)} edges that would close the polygon were not heard'
-                if certainty.unsupported else
-                'echoes are missing that a corner of the polygon would give: a wall that is not heard cuts it off')))
+        if reason := _gap(search, found, certainty, candidate):
+            cautions.insert(0, Caution('not_closed', reason))
             walls = tuple(edge for edge in candidate.edges if edge.likelihood >= CERTAIN)
             return Estimate('open', 'evidence', snapshot.stamp_ns, cost=-found.value, walls=walls,
                             cautions=tuple(cautions))
@@ -169,6 +168,18 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
         pass
     search.judge(square)
     Snapshot.of(evidence).region.iou(corners_of(square.lines)[1])
+
+
+def _gap(search: Search, found: Found, certainty: Certainty, candidate: Candidate) -> str:
+    """Why the polygon is not closed by what was heard; empty if it is."""
+    if certainty.unsupported:
+        return f'{certainty.unsupported} of {len(candidate.edges)} edges that would close the polygon were not heard'
+    if found.unheard:
+        return 'echoes are missing that a corner of the polygon would give: a wall that is not heard cuts it off'
+    away = np.linalg.norm(candidate.vertices[:, None] - search.data.positions[None], axis=2).min(axis=1)
+    if np.max(away) > search.data.range_max_m:
+        return f'a corner is {np.max(away):.3g} m away from every ping, beyond what can be heard'
+    return ''
 
 
 def polygon_of(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> Candidate:

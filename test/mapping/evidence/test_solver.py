@@ -177,19 +177,18 @@ def is_wall(edge, truth, offset_m=0.01, angle_rad=0.02):
 
 @pytest.mark.parametrize('count', [3, 5, 8, 12])
 def test_few_pings_are_not_sure_of_more_than_they_heard(count, hexagon, listen):
-    """What is called certain is a wall, or its mirror image about what is called a straight path."""
+    """What is called certain is a wall; on a straight path none is, for it may be its own mirror image."""
     scene, samples, _, _ = hexagon
     estimate = listen(scene, samples, count).solve()
     truth = polygon_lines(scene.vertices)
-    if 'straight_path' in codes(estimate):
-        (x, y), along = scene.positions[0], scene.positions[count - 1] - scene.positions[0]
-        path = Pose(x, y, float(np.arctan2(along[1], along[0])))
-        mirrored = path.apply(path.inverse().apply(scene.vertices) * (1.0, -1.0))[::-1]
-        truth = np.vstack((truth, polygon_lines(mirrored)))
-    sure = [edge for edge in estimate.walls + (estimate.polygon.edges if estimate.polygon else ())
-            if edge.likelihood >= 0.9]
+    found = estimate.walls + (estimate.polygon.edges if estimate.polygon else ())
+    sure = [edge for edge in found if edge.likelihood >= 0.9]
     assert all(np.any(is_wall(edge, truth)) for edge in sure)
-    assert sure
+    if 'straight_path' in codes(estimate):
+        assert found
+        assert max(edge.likelihood for edge in found) <= 0.5
+    else:
+        assert sure
     assert (estimate.status == 'closed') == (count >= 8)
 
 
@@ -223,7 +222,6 @@ def test_a_wall_that_is_not_heard_leaves_the_polygon_open(silent, listen):
     assert len(estimate.walls) == 2
 
 
-@pytest.mark.xfail(strict=True, reason='a corner far beyond what can be heard closes the polygon')
 def test_parallel_walls_do_not_meet(listen):
     """A rectangle of which three walls are heard: the sides, off by 0.1 mrad, meet kilometres away."""
     vertices = np.array([(0.0, 0.0), (1.1, 0.0), (1.1, 0.8), (0.0, 0.8)])
