@@ -1,4 +1,4 @@
-"""Visible image sources I(x, M) of eq. (1) in a convex polygon, for a receiver at the source.
+"""Visible image sources I(x, M) of eq. (1) in a convex polygon, for a receiver at the source or beside it.
 
 Every image carries the beam of its rays: the part of its last wall that they light. A further wall is hit where
 it lies in that beam, so the search visits visible images and their children only, to any order and exactly.
@@ -17,7 +17,7 @@ source) counts for both orders of its walls; their images coincide and are merge
 
 
 class Images(NamedTuple):
-    """Images of one source that its own receiver hears, nearest first.
+    """Images of one source that its receiver hears, nearest first.
 
     Attributes
     ----------
@@ -41,61 +41,69 @@ class Images(NamedTuple):
 
 
 def visible_images(
-    vertices: ArrayLike, position: ArrayLike, order: int, reflection: ArrayLike = 1.0
+    vertices: ArrayLike, position: ArrayLike, order: int, reflection: ArrayLike = 1.0,
+    receiver: ArrayLike | None = None,
 ) -> Images:
-    """Image sources up to `order` that are visible from the source itself.
+    """Image sources up to `order` that are visible from the receiver.
 
     Parameters
     ----------
     vertices : array_like, shape (n, 2)
         Convex polygon, counter-clockwise [m]; wall i runs from vertex i to vertex i + 1.
     position : array_like, shape (2,)
-        Source and receiver, strictly inside [m].
+        Source, strictly inside [m].
     order : int
         Largest number of reflections, >= 1.
     reflection : float or array_like, shape (n,)
         Signed reflection coefficient of each wall.
+    receiver : array_like, shape (2,), optional
+        Receiver, strictly inside [m]; at the source unless given.
 
     Raises
     ------
     ValueError
-        If the position is not inside the polygon.
+        If the source or the receiver is not inside the polygon.
     """
     corners = np.ascontiguousarray(vertices, dtype=float)
     x, y = np.asarray(position, dtype=float)
+    to_x, to_y = (x, y) if receiver is None else np.asarray(receiver, dtype=float)
     coefficients = np.broadcast_to(np.asarray(reflection, dtype=float), (len(corners),))
     ends = np.roll(corners, -1, axis=0)
-    side = (ends - corners)[:, 0] * (y - corners[:, 1]) - (ends - corners)[:, 1] * (x - corners[:, 0])
-    if not np.all(side > 0.0):
-        raise ValueError(f'({x:g}, {y:g}) is not inside the polygon')
+    for at_x, at_y in ((x, y), (to_x, to_y)):
+        side = (ends - corners)[:, 0] * (at_y - corners[:, 1]) - (ends - corners)[:, 1] * (at_x - corners[:, 0])
+        if not np.all(side > 0.0):
+            raise ValueError(f'({at_x:g}, {at_y:g}) is not inside the polygon')
     capacity = 256
     while True:
         found = np.empty((capacity, 2))
         walls = np.full((capacity, order), -1, dtype=np.int64)
-        count = trace_images(corners, x, y, order, found, walls)
+        count = trace_images_to(corners, x, y, to_x, to_y, order, found, walls)
         if count <= capacity:
             break
         capacity = 2 * count
     found, walls = found[:count], walls[:count]
     orders = (walls >= 0).sum(axis=1)
     amplitude = np.where(walls >= 0, coefficients[walls], 1.0).prod(axis=1)
-    distance = np.hypot(found[:, 0] - x, found[:, 1] - y)
+    distance = np.hypot(found[:, 0] - to_x, found[:, 1] - to_y)
     nearest = np.argsort(distance, kind='stable')
     return Images(distance[nearest], amplitude[nearest], orders[nearest], walls[nearest], found[nearest])
 
 
 @kernel
-def trace_images(
+def trace_images_to(
     corners: NDArray[np.float64],
     x: float,
     y: float,
+    to_x: float,
+    to_y: float,
     order: int,
     found: NDArray[np.float64],
     walls: NDArray[np.int64],
 ) -> int:
-    """Write visible images and the walls of their paths into `found` (capacity, 2) and `walls` (capacity, order).
+    """Write images of (x, y) that are visible from (to_x, to_y), and the walls of their paths.
 
-    Returns the number of images, which may exceed the capacity: then only as many as fit are written.
+    `found` (capacity, 2) and `walls` (capacity, order) are filled. Returns the number of images, which may exceed the
+    capacity: then only as many as fit are written.
     """
     n, capacity, count = len(corners), len(found), 0
     size = 0.0
@@ -143,8 +151,8 @@ def trace_images(
         images[depth, 0], images[depth, 1] = qx, qy
         # Seen from the mirrored image the wall runs the other way round: its end comes first.
         beams[depth, 0], beams[depth, 1], beams[depth, 2], beams[depth, 3] = bx, by, ax, ay
-        left = (bx - qx) * (y - qy) - (by - qy) * (x - qx)
-        right = (ax - qx) * (y - qy) - (ay - qy) * (x - qx)
+        left = (bx - qx) * (to_y - qy) - (by - qy) * (to_x - qx)
+        right = (ax - qx) * (to_y - qy) - (ay - qy) * (to_x - qx)
         if left >= -tie and right <= tie:
             twin = False
             for m in range(min(count, capacity)):
@@ -160,3 +168,16 @@ def trace_images(
         if depth < order:
             depth += 1
     return count
+
+
+@kernel
+def trace_images(
+    corners: NDArray[np.float64],
+    x: float,
+    y: float,
+    order: int,
+    found: NDArray[np.float64],
+    walls: NDArray[np.int64],
+) -> int:
+    """Do the same for a receiver at the source."""
+    return trace_images_to(corners, x, y, x, y, order, found, walls)
