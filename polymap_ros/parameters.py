@@ -12,13 +12,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, TypeAlias, get_type_hints
 
-import yaml
-
 from polymap_ros.errors import ParameterError
 
 Value: TypeAlias = bool | int | float | str
 
 NODE_NAME = 'polymap_node'
+
+A_SCAN_TYPES = (
+    'sensor_msgs/msg/LaserScan', 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image',
+    'std_msgs/msg/Float32MultiArray')
+"""The message types whose fields have a fixed sense as an A-scan."""
+
+_WITH_PERIOD = A_SCAN_TYPES[:2]
+
+SAMPLE_DTYPES = ('uint8', 'int8', 'uint16', 'int16', 'uint32', 'int32', 'uint64', 'int64', 'float32', 'float64')
+"""Numbers that an array of bytes may stand for, as marine_acoustic_msgs/msg/SonarImageData counts them."""
 
 
 def parameter(
@@ -175,21 +183,44 @@ class EchoParameters(Group):
     """The echo messages."""
 
     PREFIX = 'echo.'
-    type: str = parameter('sensor_msgs/msg/LaserScan', 'message type of the echo topic', choices=(
-        'sensor_msgs/msg/LaserScan', 'sensor_msgs/msg/PointCloud2', 'sensor_msgs/msg/Image',
-        'std_msgs/msg/Float32MultiArray'))
+    type: str = parameter('sensor_msgs/msg/LaserScan', f'message type of the echo topic: {", ".join(A_SCAN_TYPES)}, '
+                          'or any other, whose samples_field then is to be named')
+    samples_field: str = parameter('', 'array of the samples in a type of your own, dotted, such as image.data')
+    samples_dtype: str = parameter('message', 'numbers that an array of bytes there stands for; message: as a '
+                                   'SonarImageData says itself, else 8 bits each', choices=('message', *SAMPLE_DTYPES))
+    stamp_field: str = parameter('header.stamp', "stamp in a type of your own, dotted; '' for none, which needs "
+                                 'allow_unstamped')
     kind: str = parameter('rf', 'samples are the signed signal (rf) or its magnitude (envelope)',
                           choices=('rf', 'envelope'))
     t0_s: float = parameter(0.0, 'time of the first sample after emission', unit='s')
     sample_period_s: float = parameter(0.0, 'sample period; 0: from the message', unit='s', minimum=0.0)
     blanking_m: float = parameter(0.02, 'no echo is looked for nearer than this', unit='m', minimum=0.0)
-    allow_unstamped: bool = parameter(False, 'take Float32MultiArray, stamped on arrival')
+    allow_unstamped: bool = parameter(False, 'take messages without a stamp (Float32MultiArray), stamped on arrival')
 
     def check(self) -> None:
-        if self.type.endswith(('/Image', '/Float32MultiArray')) and self.sample_period_s <= 0.0:
+        if self.type in A_SCAN_TYPES:
+            self._check_fields_are_not_given()
+        else:
+            self._check_fields_are_given()
+        if self.type not in _WITH_PERIOD and self.sample_period_s <= 0.0:
             raise ParameterError('echo.sample_period_s', f'{self.type} has no sample period; allowed: above 0')
-        if self.type.endswith('/Float32MultiArray') and not self.allow_unstamped:
+        unstamped = self.type.endswith('/Float32MultiArray') or not self.stamp_field
+        if unstamped and not self.allow_unstamped:
             raise ParameterError('echo.allow_unstamped', f'{self.type} has no stamp; true takes it, stamped on arrival')
+
+    def _check_fields_are_given(self) -> None:
+        if not re.fullmatch(r'\w+/msg/\w+', self.type):
+            raise ParameterError('echo.type', f'{self.type!r} is no message type; allowed: package/msg/Name')
+        if not self.samples_field:
+            raise ParameterError('echo.samples_field', f"'' names no field; {self.type} is none of "
+                                 f'{", ".join(A_SCAN_TYPES)}, so the array that holds its samples is to be named')
+
+    def _check_fields_are_not_given(self) -> None:
+        for spec in _specifications(type(self), self.PREFIX):
+            value = getattr(self, spec.name.removeprefix(self.PREFIX))
+            if spec.name.endswith(('_field', '_dtype')) and value != spec.default:
+                raise ParameterError(spec.name, f'{value!r} is for a type of your own, echo.type is {self.type}; '
+                                     f'allowed: {spec.default!r}')
 
 
 @dataclass(frozen=True)
@@ -199,6 +230,15 @@ class SensorParameters(Group):
     PREFIX = 'sensor.'
     x_m: float = parameter(0.0, "sensor in the robot's base frame, forward", unit='m')
     y_m: float = parameter(0.0, "sensor in the robot's base frame, left", unit='m')
+    baseline_x_m: float = parameter(0.0, 'from emitter to receiver, forward; the sensor is half way between them',
+                                    unit='m')
+    baseline_y_m: float = parameter(0.0, 'from emitter to receiver, left', unit='m')
+    baseline_z_m: float = parameter(0.0, 'from emitter to receiver, up', unit='m')
+
+    @property
+    def baseline_m(self) -> float:
+        """Distance between emitter and receiver [m]."""
+        return math.hypot(self.baseline_x_m, self.baseline_y_m, self.baseline_z_m)
 
 
 @dataclass(frozen=True)
@@ -358,85 +398,3 @@ def _suggestion(name: str) -> str:
     known = [other for other in _BY_NAME if other.startswith(f'{group}.')] or list(_BY_NAME)
     close = difflib.get_close_matches(name, known, n=1)
     return f'did you mean {close[0]}?' if close else f'known: {", ".join(known)}'
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-6 is a number, as in YAML 1.2, where PyYAML's 1.1 asks for 1.0e-6."""
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789'))
-
-
-def _read_yaml(text: str) -> Any:
-    return yaml.load(text, Loader=_Loader)
-
-
-def parse_override(text: str) -> tuple[str, object]:
-    """Split a command line's ``name:=value``; the value is read as YAML, as ROS does."""
-    name, separator, value = text.partition(':=')
-    if not separator or not name:
-        raise ParameterError(text, 'expected name:=value')
-    try:
-        return name, _read_yaml(value) if value else ''
-    except yaml.YAMLError as error:
-        raise ParameterError(name, f'{value!r} is not a YAML value') from error
-
-
-def load_parameters(
-    path: Path, overrides: Mapping[str, object] | None = None, node_name: str = NODE_NAME
-) -> Parameters:
-    """Read a ROS parameter file, and then `overrides` as of a command line; the result is checked as a whole.
-
-    Keys ``/**``, ``node_name`` and ``/ns/node_name`` (or nested, ``ns: node_name:``) are taken, the most specific last.
-    Unknown names below ``/**`` belong to other nodes and are left alone, and so are names outside our groups
-    (``use_sim_time``).
-
-    Raises
-    ------
-    ParameterError
-        For a file that cannot be read, is not a parameter file, or holds a name or value not allowed.
-    """
-    try:
-        document = _read_yaml(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ParameterError(str(path), f'cannot be read: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(str(path), f'is not YAML: {" ".join(str(error).split())}') from error
-    if not isinstance(document, dict):
-        raise ParameterError(str(path), 'is not a ROS parameter file: expected polymap_node: ros__parameters: ...')
-    nodes = dict(_nodes(document, node_name))
-    keys = [key for key in nodes if key == '/**' or key.rpartition('/')[2] == node_name]
-    if not keys:
-        raise ParameterError(str(path), f'has no {node_name} or /** key, only {", ".join(map(str, document))}')
-    values: dict[str, object] = {}
-    for key in sorted(keys, key=lambda key: (key != '/**', key.count('/'), key)):
-        body = nodes[key].get('ros__parameters') if isinstance(nodes[key], dict) else None
-        if not isinstance(body, dict):
-            raise ParameterError(str(path), f'{key} has no ros__parameters')
-        entries = _flattened(body)
-        if key == '/**':
-            entries = {name: value for name, value in entries.items() if name in _BY_NAME}
-        values |= {name: value for name, value in entries.items() if name.partition('.')[0] in _GROUPS}
-    loaded = Parameters().replaced(values | dict(overrides or {}))
-    return dataclasses.replace(loaded, folder=path.resolve().parent)
-
-
-def _nodes(tree: Mapping[Any, Any], node_name: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Full name and body of every node; any other key that holds keys is a namespace."""
-    for key, body in tree.items():
-        name = f'{prefix}/{key}' if prefix else str(key)
-        if isinstance(body, dict) and 'ros__parameters' not in body and str(key) not in (node_name, '/**'):
-            yield from _nodes(body, node_name, name)
-        else:
-            yield name, body
-
-
-def _flattened(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, object]:
-    flat: dict[str, object] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat |= _flattened(value, f'{prefix}{key}.')
-        else:
-            flat[f'{prefix}{key}'] = value
-    return flat

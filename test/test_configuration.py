@@ -7,7 +7,8 @@ import pytest
 import yaml
 
 import polymap_ros
-from polymap_ros.parameters import NODE_NAME, Parameters, load_parameters, specifications
+from polymap_ros.parameter_file import load_parameters
+from polymap_ros.parameters import NODE_NAME, Parameters, specifications
 
 FILE = Path(polymap_ros.__file__).parent / 'config' / 'polymap.yaml'
 

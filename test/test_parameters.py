@@ -6,6 +6,7 @@ import math
 import pytest
 
 from polymap_ros.errors import ParameterError
+from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import (
     EchoParameters,
     GridParameters,
@@ -13,8 +14,6 @@ from polymap_ros.parameters import (
     Parameters,
     PulseParameters,
     SolverParameters,
-    load_parameters,
-    parse_override,
     specifications,
 )
 

@@ -10,7 +10,8 @@ from typing import NoReturn
 
 from polymap_ros import __version__
 from polymap_ros.errors import PolymapError
-from polymap_ros.parameters import Parameters, load_parameters, parse_override
+from polymap_ros.parameter_file import load_parameters, parse_override
+from polymap_ros.parameters import Parameters
 
 DONE, NO_POLYGON, WRONG, INTERRUPTED = 0, 1, 2, 130
 

@@ -1,7 +1,8 @@
 """From an echo message to a `Ping`: one set of adapters for rclpy's messages and rosbags' dataclasses.
 
-The four types and the A-scan convention of LaserScan are the contract of the ``echo`` topic. Only the shape
-and the types of a message are judged here; whether the samples make sense is for the mapper to say.
+The four types and the A-scan convention of LaserScan are the contract of the ``echo`` topic; of any other type the
+parameters name the fields. Only the shape and the types of a message are judged here; whether the samples make
+sense is for the mapper to say.
 """
 
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadPing
+from polymap_ros.messages.fields import field_of, laid_out, numbers_of
 from polymap_ros.parameters import EchoParameters
 
 POINT_FIELD_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -52,7 +54,7 @@ def ping_from_message(message: Any, type_name: str, echo: EchoParameters, arriva
     """
     if type_name != echo.type:
         raise BadPing('wrong_type', f'echo is of type {type_name}; echo.type says {echo.type}')
-    return _READERS[type_name](message, echo, arrival_ns)
+    return _READERS.get(type_name, _from_fields)(message, echo, arrival_ns)
 
 
 def stamp_to_ns(stamp: Any) -> int:
@@ -135,12 +137,19 @@ def _from_image(message: Any, echo: EchoParameters, arrival_ns: int) -> Ping:
 
 
 def _from_float_array(message: Any, echo: EchoParameters, arrival_ns: int) -> Ping:
-    samples = np.asarray(message.data, dtype=np.float32)[message.layout.data_offset:]
-    sizes = [int(dimension.size) for dimension in message.layout.dim]
-    if sizes and (np.prod(sizes, dtype=float) != samples.size or max(sizes) != samples.size):
-        raise BadPing('bad_shape', f'dimensions {sizes} for {samples.size} values; an A-scan has one dimension')
+    samples = laid_out(np.asarray(message.data, dtype=np.float32), message.layout)
     return Ping(stamp_ns=arrival_ns, samples=_samples(samples), period_s=_given_period(echo, 'a Float32MultiArray'),
                 t0_s=echo.t0_s)
+
+
+def _from_fields(message: Any, echo: EchoParameters, arrival_ns: int) -> Ping:
+    """A type of one's own, whose fields `echo` names."""
+    stamp_ns, frame_id = arrival_ns, ''
+    if echo.stamp_field:
+        owner, stamp = field_of(message, echo.stamp_field)
+        stamp_ns, frame_id = stamp_to_ns(stamp), getattr(owner, 'frame_id', '')
+    return Ping(stamp_ns=stamp_ns, samples=_samples(numbers_of(message, echo)), t0_s=echo.t0_s, frame_id=frame_id,
+                period_s=_given_period(echo, type(message).__name__))
 
 
 _READERS: dict[str, Callable[[Any, EchoParameters, int], Ping]] = {
