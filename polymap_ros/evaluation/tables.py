@@ -26,13 +26,13 @@ def random_table(trials: Sequence[Trial]) -> str:
 def accuracy_table(trials: Sequence[Trial]) -> str:
     """By method, SNR and number of edges: medians over the walls of the right scenes, and over all walls found.
 
-    Within 2 sigma: share of the walls of right scenes whose true r, or theta, is within two of the estimate's
-    standard deviations. Certain: edges reported with a likelihood of at least 0.9, in all scenes; real: of these, the
-    share that is a true wall.
+    Within 2 sigma: share of the walls of right scenes whose true r, theta, length or corner angle, and of the scenes
+    whose area, is within two of the estimate's standard deviations. Certain: edges reported with a likelihood of at
+    least 0.9, in all scenes; real: of these, the share that is a true wall.
     """
     header = ['method', 'SNR [dB]', 'edges', 'median IoU', 'offset error, right scenes [mm]', 'angle error [deg]',
-              'offset error, all [mm]', 'angle error [deg]', 'r within 2 sigma', 'theta within 2 sigma', 'certain',
-              'real']
+              'offset error, all [mm]', 'angle error [deg]',
+              *(f'{name} within 2 sigma' for name in ('r', 'theta', 'length', 'corner', 'area')), 'certain', 'real']
     return markdown(header, [[*label, *_accuracy(group)] for label, group in _groups(trials)])
 
 
@@ -122,8 +122,8 @@ def _accuracy(group: Sequence[Trial]) -> list[str]:
         *(_median([offset for trial in chosen for offset in trial.offsets_m], 1e3)
           if quantity == 'offset' else _median([angle for trial in chosen for angle in trial.angles_deg], 1.0)
           for chosen in (right, group) for quantity in ('offset', 'angle')),
-        _share([abs(score) <= 2.0 for trial in right for score in trial.z_r]),
-        _share([abs(score) <= 2.0 for trial in right for score in trial.z_theta]),
+        *(_share([abs(score) <= 2.0 for trial in right for score in getattr(trial, name)])
+          for name in ('z_r', 'z_theta', 'z_length', 'z_angle', 'z_area')),
         str(certain),
         percent(sum(trial.certain_real for trial in group) / certain) if certain else '-',
     ]

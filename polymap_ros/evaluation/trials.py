@@ -16,6 +16,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.parameters import Parameters
+from polymap_ros.results.dimensions import dimensions
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.waveforms import pings
 
@@ -52,6 +53,8 @@ class Trial:
         Errors, as magnitudes, of the walls that were found: at the middle of the true edge, and in direction.
     z_r, z_theta : tuple of float
         Errors of r and theta of the same walls, over their standard deviations; empty where the method gives none.
+    z_length, z_angle, z_area : tuple of float
+        Likewise of the edges' lengths, the corners' angles and the area (one); of right polygons only.
     least_likelihood : float or None
         Of the polygon's edges; None where no polygon closed.
     certain_edges, certain_real : int
@@ -76,6 +79,9 @@ class Trial:
     angles_deg: tuple[float, ...]
     z_r: tuple[float, ...]
     z_theta: tuple[float, ...]
+    z_length: tuple[float, ...]
+    z_angle: tuple[float, ...]
+    z_area: tuple[float, ...]
     least_likelihood: float | None
     certain_edges: int
     certain_real: int
@@ -93,7 +99,7 @@ class Trial:
         z-scores, wall by wall, and the cautions' codes are joined by semicolons.
         """
         row = {entry.name: getattr(self, entry.name) for entry in dataclasses.fields(self)}
-        row |= {name: ';'.join(f'{score:.3f}' for score in row[name]) for name in ('z_r', 'z_theta')}
+        row |= {name: ';'.join(f'{score:.3f}' for score in row[name]) for name in row if name.startswith('z_')}
         row['cautions'] = ';'.join(self.cautions)
         for name, errors in (('offset_m', row.pop('offsets_m')), ('angle_deg', row.pop('angles_deg'))):
             row[f'median_{name}'] = float(np.median(errors)) if errors else None
@@ -144,11 +150,13 @@ def judged(
     certain = {index for index, edge in enumerate(edges) if edge.likelihood >= CERTAIN}
     real = _real(comparison, tolerance_m) if comparison else set()
     z_r, z_theta = _z_scores(estimate.polygon, scene, comparison) if estimate.polygon and comparison else ((), ())
+    sizes = _z_sizes(estimate.polygon, scene, comparison) if estimate.polygon and comparison else ((), (), ())
     return Trial(
         scene=scene.name, seed=scene.seed, edges=len(scene.vertices), method=method, snr_db=scene.snr_db, run=run,
         status=estimate.status, estimated_edges=comparison.n_estimated if comparison else 0,
         right=bool(comparison and comparison.right), iou=comparison.iou if comparison else 0.0,
         offsets_m=tuple(offsets), angles_deg=tuple(angles), z_r=z_r, z_theta=z_theta,
+        z_length=sizes[0], z_angle=sizes[1], z_area=sizes[2],
         least_likelihood=min((edge.likelihood for edge in edges), default=None),
         certain_edges=len(certain), certain_real=len(certain & real),
         cautions=tuple(caution.code for caution in estimate.cautions), seconds=seconds)
@@ -173,3 +181,16 @@ def _z_scores(
         z_r.append(float((edge.r - r) / edge.r_std))
         z_theta.append(float(angle / edge.theta_std))
     return tuple(z_r), tuple(z_theta)
+
+
+def _z_sizes(polygon: Candidate, scene: Scene, comparison: Comparison) -> tuple[tuple[float, ...], ...]:
+    """Errors of lengths, angles and area of a right polygon, over their standard deviations where these are known."""
+    if not comparison.right:
+        return (), (), ()
+    # In the order of the estimated edges; a wall's number says nothing about which of them comes first.
+    found, true = dimensions(polygon), dimensions(Candidate(
+        np.asarray(scene.vertices)[np.argsort(comparison.matches)], polygon.edges))
+    scores = ((found.lengths_m - true.lengths_m) / found.length_stds_m,
+              (found.angles_rad - true.angles_rad) / found.angle_stds_rad,
+              np.array([(found.area_m2 - true.area_m2) / found.area_std_m2]))
+    return tuple(tuple(each[np.isfinite(each)].tolist()) for each in scores)

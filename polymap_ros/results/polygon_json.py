@@ -10,6 +10,7 @@ from polymap_ros import __version__
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters, Value
+from polymap_ros.results.dimensions import dimensions
 
 FORMAT = 'polymap/1'
 _FILE_PARAMETERS = ('pulse.path', 'output.dir', 'output.load_path')
@@ -37,7 +38,7 @@ def polygon_document(
     return {
         'format': FORMAT, 'status': estimate.status, 'frame_id': frame_id, 'stamp_ns': int(estimate.stamp_ns),
         'method': estimate.method,
-        **(_candidate(closed) if closed else {'vertices': [], 'edges': []}),
+        **(_candidate(closed) if closed else {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
         'walls': [_edge(edge) for edge in estimate.walls],
         'alternatives': [_candidate(candidate) for candidate in estimate.alternatives],
         'cost': _number(estimate.cost), 'iou_free_area': _number(estimate.iou_free_area),
@@ -77,16 +78,21 @@ def _is_nested(value: dict[str, Any] | list[Any], depth: int) -> bool:
 
 
 def _candidate(candidate: Candidate) -> dict[str, Any]:
+    sizes = dimensions(candidate)
+    measured = zip(*sizes[:4], strict=True)
     return {
         'vertices': [[_number(x), _number(y)] for x, y in candidate.vertices],
-        'edges': [_edge(edge) for edge in candidate.edges],
+        'edges': [_edge(edge, each) for edge, each in zip(candidate.edges, measured, strict=True)],
+        'area': _number(sizes.area_m2), 'area_std': _number(sizes.area_std_m2),
     }
 
 
-def _edge(edge: Edge) -> dict[str, Any]:
+def _edge(edge: Edge, measured: Sequence[float | None] = (None,) * 4) -> dict[str, Any]:
+    """An edge, or a wall whose ends are not known."""
     return {
         'r': _number(edge.r), 'theta': _number(edge.theta), 'likelihood': _number(edge.likelihood),
         'r_std': _number(edge.r_std), 'theta_std': _number(edge.theta_std), 'pings': int(edge.pings),
+        **dict(zip(('length', 'length_std', 'angle', 'angle_std'), map(_number, measured), strict=True)),
     }
 
 

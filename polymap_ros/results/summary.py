@@ -3,11 +3,13 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-import shapely
 
 from polymap_ros.mapping.comparison import Comparison
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.ping_queue import PingCounts
+from polymap_ros.results.dimensions import dimensions
+
+_DEGREES = float(np.rad2deg(1.0))
 
 
 def summary(
@@ -56,36 +58,46 @@ def _headline(estimate: Estimate) -> str:
 
 
 def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
-    """A row per edge, with the vertex it starts from."""
-    corners = polygon.vertices
-    lengths = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    """A row per edge with the corner it starts from, the lines the edges lie on, and the area."""
+    sizes = dimensions(polygon)
+    columns = zip(polygon.vertices, sizes.lengths_m, sizes.length_stds_m, sizes.angles_rad, sizes.angle_stds_rad,
+                  strict=True)
     rows = [
-        f'{i:6d}{x:10.4f}{y:10.4f}{length:12.4f}{edge}'
-        for i, ((x, y), length, edge) in enumerate(zip(corners, lengths, map(_edge_cells, polygon.edges), strict=True))
+        f'{i:6d}{_fixed(x):>10}{_fixed(y):>10}{length:12.5f}{_deviation(length_std, 1e3):>9}'
+        f'{np.rad2deg(angle):14.3f}{_deviation(angle_std, _DEGREES):>10}'
+        for i, ((x, y), length, length_std, angle, angle_std) in enumerate(columns)
     ]
-    area, size = shapely.Polygon(corners).area, max(np.ptp(corners, axis=0))
+    extent_m = max(np.ptp(polygon.vertices, axis=0))
+    spread = f' +- {1e4 * sizes.area_std_m2:.2g} cm2' if np.isfinite(sizes.area_std_m2) else ''
     return [
-        f'  edge     x [m]     y [m]  length [m]{_EDGE_HEAD}',
+        '  edge     x [m]     y [m]  length [m]  +- [mm]  corner [deg]  +- [deg]',
         *rows,
-        f'area {area:.4g} m2, extent {size:.4g} m, corners counter-clockwise in {frame_id or "the odometry frame"}',
+        *_edge_table(polygon.edges),
+        f'area {sizes.area_m2:.6g} m2{spread}, extent {extent_m:.4g} m, corners counter-clockwise in '
+        f'{frame_id or "the odometry frame"}',
     ]
-
-
-_EDGE_HEAD = '     r [m]  +- [mm]  theta [deg]  +- [deg]  likelihood  pings'
 
 
 def _edge_table(edges: Sequence[Edge]) -> list[str]:
-    return [f'  edge{_EDGE_HEAD}', *(f'{i:6d}{_edge_cells(edge)}' for i, edge in enumerate(edges))]
+    return [
+        '  edge     r [m]  +- [mm]  theta [deg]  +- [deg]  likelihood  pings',
+        *(f'{i:6d}{_edge_cells(edge)}' for i, edge in enumerate(edges)),
+    ]
 
 
 def _edge_cells(edge: Edge) -> str:
-    r_std, theta_std = _deviation(edge.r_std, 1e3), _deviation(edge.theta_std, np.rad2deg(1.0))
-    theta_deg = np.rad2deg(edge.theta)
-    return f'{edge.r:10.4f}{r_std:>9}{theta_deg:13.3f}{theta_std:>10}{edge.likelihood:12.3f}{edge.pings:7d}'
+    r_std, theta_std = _deviation(edge.r_std, 1e3), _deviation(edge.theta_std, _DEGREES)
+    theta_deg = _fixed(np.rad2deg(edge.theta), 3)
+    return f'{_fixed(edge.r):>10}{r_std:>9}{theta_deg:>13}{theta_std:>10}{edge.likelihood:12.3f}{edge.pings:7d}'
+
+
+def _fixed(value: float, digits: int = 5) -> str:
+    """A number without the sign of a zero."""
+    return f'{round(float(value), digits) + 0.0:.{digits}f}'
 
 
 def _deviation(value: float | None, factor: float) -> str:
-    return '-' if value is None else f'{factor * value:.3f}'
+    return '-' if value is None or not np.isfinite(value) else f'{factor * value:.3f}'
 
 
 def _dropped(dropped: Mapping[str, int]) -> str:

@@ -11,6 +11,7 @@ def make_trial():
             'scene': f'convex-{edges}-{seed}', 'seed': seed, 'edges': edges, 'method': method, 'snr_db': 0.0, 'run': 0,
             'status': 'closed', 'estimated_edges': edges, 'right': right, 'iou': 0.99,
             'offsets_m': (0.001, 0.002, 0.006), 'angles_deg': (0.1, 0.3, 0.2), 'z_r': (), 'z_theta': (),
+            'z_length': (), 'z_angle': (), 'z_area': (),
             'least_likelihood': 0.95, 'certain_edges': edges, 'certain_real': edges, 'cautions': (), 'seconds': 0.5,
         }
         return Trial(**(values | changes))

@@ -28,15 +28,17 @@ def test_the_random_table_counts_scenes_by_method_and_edges(make_trial):
 
 def test_accuracy_is_that_of_the_walls_of_right_scenes_and_of_all(make_trial):
     trials = [
-        make_trial(1, 3, z_r=(0.1, -2.5, 1.9, 0.0), z_theta=(-1.0, 2.0, 0.0, -0.2)),
+        make_trial(1, 3, z_r=(0.1, -2.5, 1.9, 0.0), z_theta=(-1.0, 2.0, 0.0, -0.2),
+                   z_length=(0.0, 3.0), z_angle=(1.0, -1.0, 2.5), z_area=(-3.0,)),
         make_trial(2, 3, right=False, iou=0.5, offsets_m=(0.004,), angles_deg=(0.9,), z_r=(30.0,), z_theta=(9.0,),
                    certain_real=1, certain_edges=2),
         make_trial(1, 3, 'rectangle', right=False, offsets_m=(), angles_deg=(), certain_edges=0, certain_real=0),
     ]
     header, _, evidence, rectangle = cells(accuracy_table(trials))
     assert header[:4] == ['method', 'SNR [dB]', 'edges', 'median IoU']
-    assert evidence[3:] == ['0.7450', '2.000', '0.200', '3.000', '0.250', '75.0 %', '100.0 %', '5', '80.0 %']
-    assert rectangle[3:] == ['0.9900', '-', '-', '-', '-', '-', '-', '0', '-']
+    assert evidence[3:] == ['0.7450', '2.000', '0.200', '3.000', '0.250', '75.0 %', '100.0 %', '50.0 %', '66.7 %',
+                            '0.0 %', '5', '80.0 %']
+    assert rectangle[3:] == ['0.9900', *9 * ['-'], '0', '-']
 
 
 def test_every_snr_has_its_own_rows(make_trial):

@@ -7,8 +7,10 @@ import numpy as np
 
 from polymap_ros import __version__
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.mapping.lines import polygon_lines
 from polymap_ros.mapping.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters
+from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.polygon_json import encode, polygon_document
 
 EDGE = Edge(r=0.5, theta=np.float64(-1.5), likelihood=np.float32(0.25), r_std=1e-4, theta_std=np.nan, pings=np.int64(7))
@@ -27,13 +29,16 @@ def written(estimate, parameters=None, cautions=()):
 
 def test_the_keys_are_those_of_the_contract():
     found = written(CLOSED)
-    assert list(found) == ['format', 'status', 'frame_id', 'stamp_ns', 'method', 'vertices', 'edges', 'walls',
-                           'alternatives', 'cost', 'iou_free_area', 'pings', 'warnings', 'parameters', 'software']
+    assert list(found) == ['format', 'status', 'frame_id', 'stamp_ns', 'method', 'vertices', 'edges', 'area',
+                           'area_std', 'walls', 'alternatives', 'cost', 'iou_free_area', 'pings', 'warnings',
+                           'parameters', 'software']
     assert (found['format'], found['status'], found['frame_id'], found['stamp_ns'], found['method']) == (
         'polymap/1', 'closed', 'odom', 12, 'paper')
     assert found['vertices'] == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
     assert found['edges'] == 4 * [
-        {'r': 0.5, 'theta': -1.5, 'likelihood': 0.25, 'r_std': 1e-4, 'theta_std': None, 'pings': 7}]
+        {'r': 0.5, 'theta': -1.5, 'likelihood': 0.25, 'r_std': 1e-4, 'theta_std': None, 'pings': 7,
+         'length': 1.0, 'length_std': None, 'angle': np.pi / 2, 'angle_std': None}]
+    assert (found['area'], found['area_std']) == (1.0, None)
     assert (found['cost'], found['iou_free_area']) == (-1.5, 0.9)
     assert found['pings'] == {'received': 10, 'used': 7, 'dropped': {'no_pose': 2, 'stale': 1}}
     assert list(found['pings']['dropped']) == ['no_pose', 'stale']
@@ -45,14 +50,25 @@ def test_an_ambiguous_answer_has_alternatives_only():
     found = written(Estimate('ambiguous', 'paper', alternatives=(SQUARE, SQUARE), cautions=(Caution('a', 'b'),)),
                     cautions=[Caution('c', 'd')])
     assert (found['status'], found['vertices'], found['edges'], found['walls']) == ('ambiguous', [], [], [])
-    assert [list(each) for each in found['alternatives']] == 2 * [['vertices', 'edges']]
+    assert [list(each) for each in found['alternatives']] == 2 * [['vertices', 'edges', 'area', 'area_std']]
     assert found['warnings'] == [{'code': 'a', 'text': 'b'}, {'code': 'c', 'text': 'd'}]
     assert (found['cost'], found['iou_free_area']) == (None, None)
 
 
 def test_an_open_answer_has_walls_only_even_if_a_polygon_came_with_it():
     found = written(dataclasses.replace(CLOSED, status='open', walls=(EDGE,)))
-    assert (found['vertices'], found['edges'], len(found['walls'])) == ([], [], 1)
+    assert (found['vertices'], found['edges'], found['area'], len(found['walls'])) == ([], [], None, 1)
+    assert found['walls'][0].keys() == written(CLOSED)['edges'][0].keys()
+    assert (found['walls'][0]['length'], found['walls'][0]['angle']) == (None, None)
+
+
+def test_sizes_have_their_deviations():
+    edges = tuple(Edge(r, theta, 1.0, r_std=1e-4, theta_std=1e-3) for r, theta in polygon_lines(SQUARE.vertices))
+    square = Candidate(SQUARE.vertices, edges)
+    found, sizes = written(dataclasses.replace(CLOSED, polygon=square)), dimensions(square)
+    assert [edge['length_std'] for edge in found['edges']] == sizes.length_stds_m.tolist()
+    assert [edge['angle_std'] for edge in found['edges']] == sizes.angle_stds_rad.tolist()
+    assert found['area_std'] == sizes.area_std_m2 > 0.0
 
 
 def test_what_is_not_finite_is_null_and_zero_has_no_sign():
@@ -72,4 +88,4 @@ def test_the_text_can_be_read_line_by_line():
     lines = encode(polygon_document(CLOSED, 'odom', COUNTS, Parameters())).decode().splitlines()
     assert '  [1.0, 0.0],' in lines
     assert '  "grid.range_step_m": 0.005,' in lines
-    assert max(map(len, lines)) < 160
+    assert max(map(len, lines)) < 200

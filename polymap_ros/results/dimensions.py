@@ -1,0 +1,97 @@
+"""What an inspector measures: edge lengths, corner angles and area, each with its standard deviation."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.mapping.estimate import Candidate, Edge
+
+
+class Dimensions(NamedTuple):
+    """The sizes of a polygon; edge i runs from corner i to corner i + 1. nan is not known.
+
+    The deviations are propagated to first order from the covariance of r and theta of every edge. The errors of two
+    edges are taken as independent, since no solver gives their covariance.
+
+    Parameters
+    ----------
+    lengths_m, length_stds_m : ndarray, shape (n,)
+        Edge lengths [m].
+    angles_rad, angle_stds_rad : ndarray, shape (n,)
+        Interior angles at the corners [rad].
+    area_m2, area_std_m2 : float
+        Area [m2].
+    """
+
+    lengths_m: NDArray[np.float64]
+    length_stds_m: NDArray[np.float64]
+    angles_rad: NDArray[np.float64]
+    angle_stds_rad: NDArray[np.float64]
+    area_m2: float
+    area_std_m2: float
+
+
+def dimensions(polygon: Candidate) -> Dimensions:
+    """Measure a polygon."""
+    corners = np.asarray(polygon.vertices, dtype=float)
+    along = np.roll(corners, -1, axis=0) - corners
+    lengths = np.hypot(*along.T)
+    tangents = along / lengths[:, None]
+    turns = np.arctan2(_cross(np.roll(tangents, 1, axis=0), tangents),
+                       np.sum(np.roll(tangents, 1, axis=0) * tangents, axis=1))
+    moved = _corner_jacobian(corners, tangents)
+    by_length = np.einsum('ik,ikp->ip', tangents, np.roll(moved, -1, axis=0) - moved)
+    n = len(corners)
+    by_angle = np.zeros((n, n, 2))
+    by_angle[range(n), range(n), 1] = -1.0
+    by_angle[range(n), np.arange(n) - 1, 1] = 1.0
+    # Moving corner k changes the area by half the cross product with the way from its left to its right neighbour.
+    across = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
+    by_area = 0.5 * np.einsum('k,kp->p', across[:, 1], moved[:, 0]) - 0.5 * np.einsum(
+        'k,kp->p', across[:, 0], moved[:, 1])
+    covariance = _covariance(polygon.edges)
+    return Dimensions(
+        lengths, _deviations(by_length, covariance),
+        np.pi - turns, _deviations(by_angle.reshape(n, 2 * n), covariance),
+        0.5 * float(np.sum(_cross(corners, np.roll(corners, -1, axis=0)))),
+        float(_deviations(by_area[None], covariance)[0]))
+
+
+def _corner_jacobian(corners: NDArray[np.float64], tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Change (n, 2, 2 n) of every corner by r and theta of every edge.
+
+    With the edge's outward normal u and direction t a point p of it has u p = r, and so u dp = dr - t p dtheta: two
+    equations for the corner of two edges.
+    """
+    n = len(corners)
+    change = np.zeros((n, 2, 2 * n))
+    for i in range(n):
+        edges = [i - 1, i]
+        normals = np.column_stack((tangents[edges, 1], -tangents[edges, 0]))
+        sides = np.zeros((2, 2 * n))
+        for row, edge in enumerate(edges):
+            sides[row, 2 * (edge % n):2 * (edge % n) + 2] = 1.0, -tangents[edge] @ corners[i]
+        change[i] = np.linalg.solve(normals, sides)
+    return change
+
+
+def _covariance(edges: tuple[Edge, ...]) -> NDArray[np.float64]:
+    """Covariance (2 n, 2 n) of r and theta of all edges; nan where an edge's is not known."""
+    full = np.zeros((2 * len(edges), 2 * len(edges)))
+    for k, edge in enumerate(edges):
+        if edge.r_std is None or edge.theta_std is None:
+            full[:] = np.nan
+            break
+        both = edge.r_theta_covariance
+        full[2 * k:2 * k + 2, 2 * k:2 * k + 2] = [[edge.r_std**2, both], [both, edge.theta_std**2]]
+    return full
+
+
+def _deviations(jacobian: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    variances = np.einsum('ip,pq,iq->i', jacobian, covariance, jacobian)
+    return np.asarray(np.sqrt(np.maximum(variances, 0.0)), dtype=float)
+
+
+def _cross(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0], dtype=float)
