@@ -46,6 +46,9 @@ def _parser() -> console.Parser:
     parser.add_argument('--variant', metavar='V',
                         help='random, online: what the scenes are like (default: plate); doubt: one kind '
                              '(default: all); an unknown name lists all')
+    parser.add_argument('--drive', type=Path, metavar='RECORDING',
+                        help='random: drive stretches of the odometry in this recording (topic: topics.odom; ROS 1 '
+                             'bags are read, too), turned and scaled to fill the rooms')
     console.add_parameter_arguments(parser)
     return parser
 
@@ -89,7 +92,7 @@ def _paper(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation import figures, tables
     from polymap_ros.evaluation.paper_experiment import RECTANGLE, SIMULATED, PaperExperiment, by_scene
 
-    _refuse(arguments, 'edges', 'seeds', 'variant')
+    _refuse(arguments, 'edges', 'seeds', 'variant', 'drive')
     repetitions, snr_db = arguments.repetitions or 10, _one(arguments.snr_db)
     experiment = PaperExperiment(repetitions, snr_db, console.read_parameters(arguments))
     others = [(name, method) for method in arguments.method or [] if method != 'paper'
@@ -116,7 +119,12 @@ def _random(arguments: argparse.Namespace) -> int:
     _refuse(arguments, 'repetitions')
     name, title = _variant(arguments)
     parameters, methods, seeds, edges = _scenes(arguments)
-    experiment = RandomExperiment(name, seeds, edges, methods, arguments.snr_db, parameters)
+    drive = None
+    if arguments.drive:
+        from polymap_ros.commands.simulate import recorded_path
+
+        drive, title = recorded_path(arguments.drive, parameters.topics.odom), f'{title}, recorded paths'
+    experiment = RandomExperiment(name, seeds, edges, methods, arguments.snr_db, parameters, drive)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = in_order([trial for group in done for trial in group])
     text = (f'{tables.random_table(trials)}\n\n{tables.accuracy_table(trials)}\n\n'
@@ -129,7 +137,7 @@ def _online(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation import online_report
     from polymap_ros.evaluation.online_experiment import OnlineExperiment
 
-    _refuse(arguments, 'repetitions')
+    _refuse(arguments, 'repetitions', 'drive')
     name, title = _variant(arguments)
     parameters, methods, seeds, edges = _scenes(arguments)
     experiment = OnlineExperiment(name, seeds, edges, methods, _one(arguments.snr_db), parameters)
@@ -145,7 +153,7 @@ def _doubt(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation.doubt_experiment import DoubtExperiment, doubt_table, faults
     from polymap_ros.simulation.doubtful_scenes import KINDS
 
-    _refuse(arguments, 'repetitions')
+    _refuse(arguments, 'repetitions', 'drive')
     if arguments.variant not in (None, *KINDS):
         known = '; '.join(f'{other} ({kind.text})' for other, kind in KINDS.items())
         raise UsageError(f'--variant {arguments.variant}: known: {known}')

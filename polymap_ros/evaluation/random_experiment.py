@@ -5,13 +5,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polymap_ros.evaluation.trials import Trial, run_trials
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.random_scenes import driven
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RandomExperiment:
     """All methods on every scene of the seeds and numbers of edges.
 
@@ -27,6 +29,8 @@ class RandomExperiment:
         As `Scene.snr_db`; every scene at each of them.
     parameters : Parameters
         What the scene does not prescribe.
+    drive : ndarray, shape (N, 3), optional
+        A recorded path, stretches of which take the place of the scenes' own (see `driven`).
     """
 
     variant: str
@@ -35,6 +39,7 @@ class RandomExperiment:
     methods: Sequence[str]
     snrs_db: Sequence[float | None]
     parameters: Parameters
+    drive: NDArray[np.float64] | None = None
 
     def scenes(self) -> list[tuple[int, int, float | None]]:
         """Seed, number of edges and SNR of every scene."""
@@ -44,6 +49,8 @@ class RandomExperiment:
         """The trials of one scene."""
         variant = VARIANTS[self.variant]
         scene = dataclasses.replace(variant.make(seed, edges), snr_db=snr_db)
+        if self.drive is not None:
+            scene = driven(scene, self.drive)
         return run_trials(scene, self.methods, self.parameters, variant.tolerance_m)
 
 

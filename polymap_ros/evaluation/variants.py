@@ -4,7 +4,9 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, random_scene
+from polymap_ros.parameters import MediumParameters, SensorParameters
+from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, mistaken, random_scene
 from polymap_ros.simulation.scenes import Scene
 
 
@@ -25,6 +27,26 @@ def _changed(**changes: float) -> Callable[[int, int], Scene]:
     return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), **changes)  # type: ignore[arg-type]
 
 
+def _faulty(**faults: float) -> Callable[[int, int], Scene]:
+    return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), faults=Faults(**faults))
+
+
+def _mistaken(**wrong: float) -> Callable[[int, int], Scene]:
+    return lambda seed, edges: mistaken(random_scene(seed, edges), **wrong)
+
+
+_ALUMINIUM = MediumParameters()
+_STEEL = MediumParameters(longitudinal_speed_m_s=5960.0, shear_speed_m_s=3235.0)
+
+
+def _material(true: MediumParameters, told: MediumParameters) -> Callable[[int, int], Scene]:
+    return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), medium=true, told_medium=told)
+
+
+def _apart(seed: int, edges: int) -> Scene:
+    return dataclasses.replace(random_scene(seed, edges), sensor=SensorParameters(baseline_x_m=0.05))
+
+
 VARIANTS = {
     'plate': Variant('metal plates, 60 pings', random_scene),
     'pings_20': Variant('20 pings', _shaped(Recipe(pings=20))),
@@ -41,4 +63,18 @@ VARIANTS = {
     'regular': Variant('regular polygons', _shaped(Recipe('regular'))),
     'needle': Variant('needle-thin triangles (3 edges only)', _shaped(Recipe('needle'))),
     'unequal': Variant('very unequal edges (4 edges or more)', _shaped(Recipe('unequal'))),
+    'missing_first': Variant('20 % of the pings without their nearest echo', _faulty(missing_first=0.2)),
+    'false_first': Variant('20 % of the pings with a false echo at a shorter range', _faulty(false_first=0.2)),
+    'clutter': Variant('direct wave up to 0.15 m and an echo at 0.4 m in every ping, 20 dB over the echoes',
+                       _faulty(direct_wave=10.0, clutter=10.0)),
+    's0_-20db': Variant('S0 20 dB below A0', _faulty(second_mode=0.1)),
+    's0_-10db': Variant('S0 10 dB below A0', _faulty(second_mode=10.0**-0.5)),
+    's0_0db': Variant('S0 as strong as A0', _faulty(second_mode=1.0)),
+    'apart': Variant('emitter and receiver 5 cm apart, given', _apart),
+    'thinner': Variant('thickness taken 20 % too small', _mistaken(thickness_m=0.8 * _ALUMINIUM.thickness_m)),
+    'thicker': Variant('thickness taken 20 % too large', _mistaken(thickness_m=1.2 * _ALUMINIUM.thickness_m)),
+    'steel_as_aluminium': Variant('steel taken for aluminium', _material(_STEEL, _ALUMINIUM)),
+    'aluminium_as_steel': Variant('aluminium taken for steel', _material(_ALUMINIUM, _STEEL)),
+    'yaw_drift': Variant('heading that drifts by 2 degrees per metre', _faulty(yaw_drift_deg_m=2.0)),
+    'odometry_scale': Variant('odometry that reports 2 % too much', _faulty(odometry_scale=1.02)),
 }

@@ -8,13 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.parameters import MediumParameters
-from polymap_ros.simulation.random_scenes import air_filled, random_scene
+from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.random_scenes import air_filled, mistaken, random_scene
 from polymap_ros.simulation.reflectors import Reflectors, heard_images
 from polymap_ros.simulation.scenes import Scene, half_planes
 from polymap_ros.simulation.waveforms import noise_free
-
-SPEED_OF_S0_M_S = 5264.0
-"""Group speed of S0 at 100 kHz in 6 mm of aluminium."""
 
 _PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
 _SEAM = 0.5
@@ -161,30 +159,23 @@ def _seam(share: float) -> Callable[[int, int], Doubtful]:
     return make
 
 
-def _second_mode(level_db: float) -> Callable[[int, int], Doubtful]:
-    """The same room heard by S0, too, with this ratio of its power to that of A0 over the whole run."""
+def _second_mode(amplitude: float) -> Callable[[int, int], Doubtful]:
+    """The same room heard by S0, too."""
     def make(seed: int, edges: int) -> Doubtful:
-        scene = random_scene(seed, edges)
-        fast = MediumParameters(model='constant', speed_m_s=SPEED_OF_S0_M_S, spreading_exponent=0.5)
-        slow, other = noise_free(scene), noise_free(dataclasses.replace(scene, medium=fast))
-        level = np.sqrt(np.mean(slow**2) / np.mean(other**2)) * 10.0 ** (level_db / 20.0)
-        return Doubtful(scene, slow + level * other)
+        return _as_it_is(dataclasses.replace(random_scene(seed, edges), faults=Faults(second_mode=amplitude)))
     return make
 
 
 def _mistaken(**wrong: float) -> Callable[[int, int], Doubtful]:
     """The mapper is told another medium."""
     def make(seed: int, edges: int) -> Doubtful:
-        scene = random_scene(seed, edges)
-        told = dataclasses.replace(scene.medium, **wrong)  # type: ignore[arg-type]
-        return Doubtful(dataclasses.replace(scene, medium=told), noise_free(scene))
+        return _as_it_is(mistaken(random_scene(seed, edges), **wrong))
     return make
 
 
 def _mistaken_air(seed: int, edges: int) -> Doubtful:
     scene = air_filled(random_scene(seed, edges))
-    told = dataclasses.replace(scene.medium, speed_m_s=1.2 * scene.medium.speed_m_s)
-    return Doubtful(dataclasses.replace(scene, medium=told), noise_free(scene))
+    return _as_it_is(mistaken(scene, speed_m_s=1.2 * scene.medium.speed_m_s))
 
 
 _PLATE = MediumParameters()
@@ -201,8 +192,8 @@ KINDS = {
     't_shape': Kind('T-shaped outline', _not_convex(t_shape)),
     'seam': Kind('seam across the room that reflects half the amplitude', _seam(1.0)),
     'stiffener': Kind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
-    'mode_0db': Kind('S0 as strong as A0', _second_mode(0.0)),
-    'mode_-10db': Kind('S0 10 dB below A0', _second_mode(-10.0)),
+    'mode_0db': Kind('S0 as strong as A0', _second_mode(1.0)),
+    'mode_-10db': Kind('S0 10 dB below A0', _second_mode(10.0**-0.5)),
     'wrong_speeds': Kind('both speeds of the plate taken 20 % too low', _mistaken(
         longitudinal_speed_m_s=0.8 * _PLATE.longitudinal_speed_m_s, shear_speed_m_s=0.8 * _PLATE.shear_speed_m_s)),
     'wrong_thickness': Kind('thickness taken 20 % too small', _mistaken(thickness_m=0.8 * _PLATE.thickness_m)),

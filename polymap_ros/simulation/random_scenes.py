@@ -17,13 +17,14 @@ from numpy.typing import NDArray
 from polymap_ros.errors import SceneError
 from polymap_ros.parameters import GridParameters, MediumParameters, PulseParameters
 from polymap_ros.simulation.scenes import Scene, audible_feet
-from polymap_ros.simulation.trajectories import random_legs
+from polymap_ros.simulation.trajectories import fitted, random_legs, recorded
 
 SHAPES = ('convex', 'right_angled', 'regular', 'needle', 'unequal')
 SPEED_OF_SOUND_M_S = 343.0
 _ROOM_SCALE = 4.0
 _ROOM_DRAWS, _PATH_DRAWS = 1000, 8
 _GAP_DRAWS = 512
+_DRIVE_DRAWS = 1000
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,34 @@ def lossy(scene: Scene, least: float = 0.5) -> Scene:
     generator = np.random.default_rng([scene.seed, len(scene.vertices), 1])
     magnitude = generator.uniform(least, 1.0, len(scene.vertices))
     return dataclasses.replace(scene, reflection=magnitude * generator.choice((-1.0, 1.0), len(scene.vertices)))
+
+
+def mistaken(scene: Scene, **wrong: float) -> Scene:
+    """The scene with these values of the medium told to the mapper instead of the true ones."""
+    return dataclasses.replace(scene, told_medium=dataclasses.replace(scene.medium, **wrong))  # type: ignore[arg-type]
+
+
+def driven(scene: Scene, path: NDArray[np.float64], recipe: Recipe | None = None) -> Scene:
+    """The scene with a stretch of a recorded path (N, 3), turned and scaled to fill the room, in the place of its own.
+
+    Stretch (a quarter of the path or more) and turn are drawn from the scene's seed until the path covers the room as
+    the recipe asks.
+
+    Raises
+    ------
+    SceneError
+        Where no draw does.
+    """
+    recipe = recipe or Recipe()
+    generator = np.random.default_rng([scene.seed, len(scene.vertices), 2])
+    for _ in range(_DRIVE_DRAWS):
+        share, place, turn = generator.uniform((0.25, 0.0, 0.0), (1.0, 1.0, 2.0 * np.pi))
+        first = int(place * (1.0 - share) * len(path))
+        stretch = path[first:first + max(int(share * len(path)), 2)]
+        poses = fitted(recorded(stretch, recipe.pings), scene.vertices, recipe.clearance_m, float(turn))
+        if _covers(scene.vertices, poses[:, :2], recipe):
+            return dataclasses.replace(scene, poses=poses)
+    raise SceneError(f'{_DRIVE_DRAWS} stretches of the recorded path and none covers the room of {scene.name}')
 
 
 def random_room(

@@ -7,7 +7,8 @@ The keys are the fields of `Scene`; the path is either `poses`, a list of [x, y,
     trajectory: {pings: 60, step_m: 0.14, clearance_m: 0.06}                        # drawn, from the seed
     trajectory: {recording: PATH, topic: odom, pings: 60, clearance_m: 0.06, turn_deg: 0.0}
 
-The last takes the way that a recorded odometry went, scaled to fill the room.
+The last takes the way that a recorded odometry went, scaled to fill the room. What device and odometry do wrong is in
+`faults`, with the fields of `Faults`.
 """
 
 import dataclasses
@@ -24,13 +25,15 @@ from numpy.typing import NDArray
 from polymap_ros.errors import ParameterError, SceneError
 from polymap_ros.parameters import GridParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.pulse_file import read_pulse
+from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.scenes import Scene, counter_clockwise
 from polymap_ros.simulation.trajectories import fitted, legs, random_legs, recorded
 
 ReadPath = Callable[[Path, str], NDArray[np.float64]]
 """Reads the poses (N, 3) of an odometry topic from a recording."""
 
-_GROUPS = {'medium': MediumParameters, 'pulse': PulseParameters, 'sensor': SensorParameters, 'grid': GridParameters}
+_GROUPS = {'medium': MediumParameters, 'pulse': PulseParameters, 'sensor': SensorParameters, 'grid': GridParameters,
+           'told_medium': MediumParameters, 'faults': Faults}
 _INTEGERS = ('n_samples', 'order', 'seed', 'pings')
 _SUFFIX = '.scene.yaml'
 _PATH_STREAM = 4

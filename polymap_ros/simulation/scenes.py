@@ -15,6 +15,7 @@ from polymap_ros.parameters import (
     PulseParameters,
     SensorParameters,
 )
+from polymap_ros.simulation.faults import Faults, reported
 
 _GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM = 1, 2, 3
 
@@ -30,9 +31,13 @@ class Scene:
     vertices : array_like, shape (n, 2)
         Corners of the convex polygon [m] in the odometry's frame, in either direction; kept counter-clockwise.
     poses : array_like, shape (T, 3)
-        True poses of the robot's base at the pings: x, y [m], yaw [rad]; every sensor position is inside.
+        True poses of the robot's base at the pings: x, y [m], yaw [rad]; emitter and receiver are always inside.
     medium, pulse, sensor, grid : parameter groups
         As for the mapper; `parameters` hands them on.
+    told_medium : MediumParameters, optional
+        What the mapper is told instead of `medium`, where it is to be wrong.
+    faults : Faults
+        What device and odometry do wrong.
     sample_rate_hz : float
         Sample rate [Hz].
     n_samples : int
@@ -78,6 +83,8 @@ class Scene:
     gain_range_db: float = 0.0
     position_noise_m: float = 0.0
     recorded_pulse: NDArray[np.float64] | None = None
+    told_medium: MediumParameters | None = None
+    faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
         vertices, reflection = counter_clockwise(self.vertices, self.reflection)
@@ -89,10 +96,11 @@ class Scene:
     def _check(self) -> None:
         if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
             raise SceneError('poses must be at least one triple [x, y, yaw]')
-        clearances = clearance(self.vertices, self.positions)
-        if not clearances.min() > 0.0:
-            index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
-            raise SceneError(f'the sensor is not inside the polygon at pose {index}')
+        for positions in self.ends:
+            clearances = clearance(self.vertices, positions)
+            if not clearances.min() > 0.0:
+                index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
+                raise SceneError(f'the sensor is not inside the polygon at pose {index}')
         for name in ('sample_rate_hz', 'n_samples', 'order', 'ping_period_s', 'odometry_rate_hz'):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise SceneError(f'{name} must be above 0, found {getattr(self, name)!r}')
@@ -107,6 +115,14 @@ class Scene:
     def positions(self) -> NDArray[np.float64]:
         """True sensor positions at the pings, shape (T, 2) [m]."""
         return sensor_positions(self.poses, self.sensor)
+
+    @property
+    def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """True positions of emitter and receiver at the pings, shape (T, 2) each [m]."""
+        x, y = 0.5 * self.sensor.baseline_x_m, 0.5 * self.sensor.baseline_y_m
+        emitter, receiver = (dataclasses.replace(self.sensor, x_m=self.sensor.x_m + side * x,
+                                                 y_m=self.sensor.y_m + side * y) for side in (-1.0, 1.0))
+        return sensor_positions(self.poses, emitter), sensor_positions(self.poses, receiver)
 
     @property
     def period_s(self) -> float:
@@ -125,11 +141,11 @@ class Scene:
         return np.asarray(10.0 ** (self.gain_range_db * draws / 20.0))
 
     def reported_poses(self) -> NDArray[np.float64]:
-        """Poses that the odometry reports at the pings, shape (T, 3): the true ones and `position_noise_m`."""
+        """Poses that the odometry reports at the pings, shape (T, 3): with its drift and `position_noise_m`."""
         errors = self.generator(_POSITION_STREAM).normal(size=(len(self.poses), 2))
-        reported = self.poses.copy()
-        reported[:, :2] += self.position_noise_m * errors
-        return reported
+        poses = reported(self.poses, self.faults)
+        poses[:, :2] += self.position_noise_m * errors
+        return poses
 
     def noise(self) -> NDArray[np.float64]:
         """White Gaussian noise of power 1, shape (T, n_samples)."""
@@ -140,11 +156,12 @@ class Scene:
         return np.random.default_rng([self.seed, stream])
 
     def parameters(self, base: Parameters | None = None) -> Parameters:
-        """The mapper's parameters for this scene: `base` with the scene's medium, pulse, timing, sensor and grid."""
+        """The mapper's parameters for this scene: `base` with what the scene says of the device, and its grid."""
         base = base or Parameters()
         echo: EchoParameters = dataclasses.replace(base.echo, t0_s=self.t0_s)
         return dataclasses.replace(
-            base, medium=self.medium, pulse=self.pulse, echo=echo, sensor=self.sensor, grid=self.grid)
+            base, medium=self.told_medium or self.medium, pulse=self.pulse, echo=echo, sensor=self.sensor,
+            grid=self.grid)
 
 
 def sensor_positions(poses: NDArray[np.float64], sensor: SensorParameters) -> NDArray[np.float64]:

@@ -1,6 +1,6 @@
 """Eq. (1): the samples that a scene's pings receive, synthesised in the frequency domain."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -8,10 +8,11 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.image_sources import visible_images
-from polymap_ros.acoustics.medium import Medium, group_speed, make_medium
+from polymap_ros.acoustics.medium import ConstantSpeed, Medium, group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.jit import kernel
+from polymap_ros.simulation.faults import first_echo_faults, ringing
 from polymap_ros.simulation.scenes import Scene
 
 BAND_FLOOR = 1e-3
@@ -23,12 +24,13 @@ Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ND
 
 
 def simulate(scene: Scene, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains and noise.
+    """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains, clutter and noise.
 
-    `clean` takes the place of what `noise_free` gives, where other echoes are to be heard.
+    `clean` takes the place of what `noise_free` gives, where other echoes are to be heard. Clutter is the same in every
+    ping, and does not count for the SNR.
     """
     clean = noise_free(scene) if clean is None else clean
-    samples = scene.gains()[:, None] * clean
+    samples = scene.gains()[:, None] * clean + _clutter(scene, clean)
     if scene.snr_db is None:
         return np.asarray(samples)
     power = np.mean(clean**2, axis=1, keepdims=True) * 10.0 ** (-scene.snr_db / 10.0)
@@ -43,14 +45,51 @@ def pings(scene: Scene, clean: NDArray[np.float64] | None = None) -> list[Ping]:
 
 
 def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
-    """Eq. (1) without noise and at gain 1, shape (T, n_samples); `heard` takes the place of the scene's polygon."""
-    heard = heard or (lambda position: visible_images(scene.vertices, position, scene.order, scene.reflection)[:2])
+    """Eq. (1) without noise and clutter and at gain 1, shape (T, n_samples).
+
+    `heard` takes the place of the scene's polygon, and of the distance between emitter and receiver.
+    """
+    paths = [heard(position) for position in scene.positions] if heard else _heard(scene)
+    medium = make_medium(scene.medium)
+    paths = first_echo_faults(scene, paths, medium.spreading)
+    clean = _synthesised(scene, medium, paths)
+    if scene.faults.second_mode:
+        other = _synthesised(scene, ConstantSpeed(scene.faults.second_mode_speed_m_s, medium.spreading), paths)
+        clean = clean + scene.faults.second_mode * np.sqrt(np.mean(clean**2) / np.mean(other**2)) * other
+    return clean
+
+
+def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Lengths and amplitudes of the paths from the emitter over the polygon's walls to the receiver, nearest first."""
+    paths = []
+    for emitter, receiver in zip(*scene.ends, strict=True):
+        images = visible_images(scene.vertices, emitter, scene.order, scene.reflection, receiver)
+        paths.append((np.hypot(images.distance_m, scene.sensor.baseline_z_m), images.amplitude))
+    return paths
+
+
+def _synthesised(
+    scene: Scene, medium: Medium, paths: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
+) -> NDArray[np.float64]:
     pulse = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s)
-    synthesis = Synthesis(make_medium(scene.medium), pulse, scene.n_samples, scene.period_s, scene.t0_s)
-    pings = []
-    for position in scene.positions:
-        pings.append(synthesis(*heard(position)))
-    return np.array(pings)
+    synthesis = Synthesis(medium, pulse, scene.n_samples, scene.period_s, scene.t0_s)
+    return np.array([synthesis(*path) for path in paths])
+
+
+def _clutter(scene: Scene, clean: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What every ping of the scene holds beside its echoes, shape (n_samples,)."""
+    faults, total = scene.faults, np.zeros(scene.n_samples)
+    if not (faults.direct_wave or faults.clutter):
+        return total
+    medium = make_medium(scene.medium)
+    pulse_s = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s).duration_s
+    pulse_m = 0.5 * pulse_s * float(group_speed(medium, scene.pulse.frequency_hz))
+    loud = np.median(np.abs(clean).max(axis=1))
+    fixed = np.array([2.0 * faults.clutter_m]), np.ones(1)
+    for factor, paths in ((faults.direct_wave, ringing(scene, pulse_m, medium.spreading)), (faults.clutter, fixed)):
+        wave = _synthesised(scene, medium, [paths])[0]
+        total += factor * loud * wave / max(np.abs(wave).max(), np.finfo(float).tiny)
+    return total
 
 
 class Synthesis:

@@ -137,7 +137,16 @@ def test_variants_differ_from_the_plain_scene_as_their_name_says(name):
         'plate': False, 'pings_20': len(scene.poses) == 20, 'pings_40': len(scene.poses) == 40,
         'lossy': scene.reflection.min() < 0.99, 'gain': scene.gain_range_db == 6.0,
         'position_noise': scene.position_noise_m == 0.005, 'air': scene.pulse.frequency_hz == 20e3,
-        'air_chirp': scene.pulse.kind == 'chirp',
+        'air_chirp': scene.pulse.kind == 'chirp', 'apart': scene.sensor.baseline_m == 0.05,
+        'yaw_drift': scene.faults.yaw_drift_deg_m == 2.0, 'odometry_scale': scene.faults.odometry_scale == 1.02,
+        'missing_first': scene.faults.missing_first == 0.2, 'false_first': scene.faults.false_first == 0.2,
+        'clutter': scene.faults.direct_wave == scene.faults.clutter == 10.0,
+        's0_-20db': scene.faults.second_mode == 0.1, 's0_-10db': scene.faults.second_mode == 10.0**-0.5,
+        's0_0db': scene.faults.second_mode == 1.0,
+        'thinner': scene.parameters().medium.thickness_m == 0.8 * scene.medium.thickness_m,
+        'thicker': scene.parameters().medium.thickness_m == 1.2 * scene.medium.thickness_m,
+        'steel_as_aluminium': scene.medium.shear_speed_m_s > scene.parameters().medium.shear_speed_m_s,
+        'aluminium_as_steel': scene.medium.shear_speed_m_s < scene.parameters().medium.shear_speed_m_s,
     }.get(name, not np.allclose(scene.vertices, plain.vertices))
     assert changed == (name != 'plate')
     assert VARIANTS[name].tolerance_m == (0.01 if name.startswith('air') else 0.003)

@@ -80,7 +80,7 @@ def test_the_second_mode_is_as_strong_as_said(name, ratio):
 def test_a_mistaken_medium_is_told_to_the_mapper_only(name):
     scene = random_scene(SEED, EDGES)
     np.testing.assert_array_equal(made(name).clean, noise_free(scene))
-    assert made(name).scene.medium != scene.medium
+    assert made(name).scene.parameters().medium != scene.medium
 
 
 def test_other_echoes_take_the_place_of_the_scene_s_in_its_pings():

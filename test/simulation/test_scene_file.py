@@ -18,7 +18,8 @@ def test_every_key_of_a_scene_file_arrives(tmp_path):
 poses: [[0.5, 0.5, 0.0], [0.6, 0.5, 1.5]]
 medium: {model: constant, speed_m_s: 343}
 pulse: {kind: chirp, frequency_hz: 20000.0, bandwidth_hz: 10000.0, duration_s: 0.001}
-sensor: {x_m: 0.1}
+told_medium: {model: constant, speed_m_s: 340}
+sensor: {x_m: 0.1, baseline_x_m: 0.05}
 grid: {range_max_m: 2.0}
 sample_rate_hz: 2e5
 n_samples: 512
@@ -31,6 +32,7 @@ ping_period_s: 0.1
 odometry_rate_hz: 30
 gain_range_db: 6.0
 position_noise_m: 0.005
+faults: {missing_first: 0.2, clutter: 10}
 '''))
     assert scene.name == 'room'
     np.testing.assert_array_equal(scene.vertices, [[0, 0], [1, 0], [1, 1], [0, 1]])
@@ -41,7 +43,9 @@ position_noise_m: 0.005
     assert (scene.t0_s, scene.snr_db, scene.order, scene.seed, scene.ping_period_s) == (1e-5, None, 3, 7, 0.1)
     assert (scene.odometry_rate_hz, scene.gain_range_db, scene.position_noise_m) == (30.0, 6.0, 0.005)
     parameters = scene.parameters()
-    assert parameters['medium.speed_m_s'] == 343.0
+    assert (scene.faults.missing_first, scene.faults.clutter) == (0.2, 10.0)
+    assert parameters['medium.speed_m_s'] == 340.0
+    assert parameters['sensor.baseline_x_m'] == 0.05
     assert parameters['pulse.kind'] == 'chirp'
     assert parameters['echo.t0_s'] == 1e-5
     assert parameters['sensor.x_m'] == 0.1
@@ -87,6 +91,9 @@ trajectory: {recording: drive, topic: /wheels, pings: 20, clearance_m: 0.1, turn
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nmedium: {thicknes_m: 3}', 'did you mean thickness_m'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nmedium: {thickness_m: -3}', 'medium.thickness_m'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nmedium: 3', 'medium must be a mapping'),
+    (ROOM + 'poses: [[0.5, 0.5, 0]]\nfaults: {cluter: 3}', 'did you mean clutter'),
+    (ROOM + 'poses: [[0.5, 0.5, 0]]\nfaults: {missing_first: 20}', 'faults.missing_first'),
+    (ROOM + 'poses: [[0.01, 0.5, 0]]\nsensor: {baseline_x_m: 0.05}', 'not inside the polygon at pose 0'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\norder: 1.5', 'order must be an integer'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\norder: 0', 'order'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nn_samples: .inf', 'n_samples must be an integer'),

@@ -1,0 +1,98 @@
+"""What a real device and its odometry do wrong, as options of a scene. Everything is off by default."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.parameters import Group, parameter
+
+if TYPE_CHECKING:
+    from polymap_ros.simulation.scenes import Scene
+
+SPEED_OF_S0_M_S = 5264.0
+"""Group speed of S0 at 100 kHz in 6 mm of aluminium."""
+
+_FIRST_STREAM, _RINGING_STREAM = 5, 7
+_RINGS = 12
+"""Arrivals that make up the direct wave and the ringing after it."""
+_DECAY = 3.0
+"""They fade by this many nepers towards their end."""
+
+
+@dataclass(frozen=True)
+class Faults(Group):
+    """Faults of one scene; amplitudes are factors, of which 10 is 20 dB."""
+
+    PREFIX = 'faults.'
+    missing_first: float = parameter(0.0, 'share of the pings of which the nearest echo is not heard',
+                                     minimum=0.0, maximum=1.0)
+    false_first: float = parameter(
+        0.0, 'share of the pings with a false echo, as strong as the nearest true one, at a range drawn uniform from '
+        '0.2 to 0.9 of its range', minimum=0.0, maximum=1.0)
+    direct_wave: float = parameter(
+        0.0, "peak of the direct wave and its ringing, over the median of the pings' strongest echoes", minimum=0.0)
+    direct_wave_m: float = parameter(0.15, 'range at which the ringing is over', unit='m', above=0.0)
+    clutter: float = parameter(0.0, 'peak of an echo that every ping has at one range, over the same', minimum=0.0)
+    clutter_m: float = parameter(0.4, 'its range', unit='m', above=0.0)
+    second_mode: float = parameter(
+        0.0, 'amplitude of the echoes of a second, dispersion-free mode over those of the first, on average over the '
+        'run: leaking S0', minimum=0.0)
+    second_mode_speed_m_s: float = parameter(SPEED_OF_S0_M_S, 'its speed', unit='m/s', above=0.0)
+    yaw_drift_deg_m: float = parameter(0.0, 'turn of the reported heading per metre travelled', unit='deg/m')
+    odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0)
+
+
+def first_echo_faults(
+    scene: 'Scene', paths: list[tuple[NDArray[np.float64], NDArray[np.float64]]], spreading: float
+) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """Lengths and amplitudes of every ping's paths, nearest first, with first echoes taken away or false ones added."""
+    faults = scene.faults
+    if not (faults.missing_first or faults.false_first):
+        return paths
+    draws = scene.generator(_FIRST_STREAM).uniform(size=(len(paths), 3))
+    changed = []
+    for (length, amplitude), (missing, false, place) in zip(paths, draws, strict=True):
+        first, loudness = length[:1], amplitude[:1]
+        if missing < faults.missing_first:
+            length, amplitude = length[1:], amplitude[1:]
+        if false < faults.false_first:
+            share = 0.2 + 0.7 * place
+            length = np.concatenate((share * first, length))
+            amplitude = np.concatenate((share**spreading * loudness, amplitude))
+        changed.append((length, amplitude))
+    return changed
+
+
+def ringing(scene: 'Scene', pulse_m: float, spreading: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Path lengths and amplitudes of the direct wave and its ringing, over before `direct_wave_m`.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its seed draws the arrivals.
+    pulse_m : float
+        Range that the pulse takes up [m].
+    spreading : float
+        Exponent of the amplitude's decay, which the amplitudes make up for.
+    """
+    generator = scene.generator(_RINGING_STREAM)
+    end_m = max(scene.faults.direct_wave_m - pulse_m, 0.1 * scene.faults.direct_wave_m)
+    range_m = end_m * np.sort(generator.uniform(0.05, 1.0, _RINGS))
+    amplitude = generator.choice((-1.0, 1.0), _RINGS) * np.exp(-_DECAY * range_m / end_m)
+    return 2.0 * range_m, amplitude * (2.0 * range_m) ** spreading
+
+
+def reported(poses: NDArray[np.float64], faults: Faults) -> NDArray[np.float64]:
+    """Poses (T, 3) as an odometry of the wrong scale and a drifting heading adds them up from the first one."""
+    if faults.odometry_scale == 1.0 and faults.yaw_drift_deg_m == 0.0:
+        return poses.copy()
+    steps = np.diff(poses[:, :2], axis=0)
+    travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(steps, axis=1))))
+    turn = np.deg2rad(faults.yaw_drift_deg_m) * travelled
+    halfway = 0.5 * (turn[1:] + turn[:-1])
+    c, s = np.cos(halfway), np.sin(halfway)
+    turned = np.column_stack((c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]))
+    places = poses[0, :2] + faults.odometry_scale * np.vstack((np.zeros(2), np.cumsum(turned, axis=0)))
+    return np.column_stack((places, poses[:, 2] + turn))
