@@ -125,13 +125,17 @@ def _from_bytes(numbers: NDArray[Any], owner: Any, echo: EchoParameters) -> NDAr
     if numbers.dtype.itemsize != 1:
         return numbers
     said = _said_dtype(owner)
-    name = echo.samples_dtype if echo.samples_dtype != 'message' else said or numbers.dtype.name
+    name = echo.samples_dtype if echo.samples_dtype != 'message' else said or _own_name(numbers)
     if said is not None and name != said:
         raise BadPing('bad_shape', f'the dtype beside {echo.samples_field} says {said}, echo.samples_dtype {name}')
     dtype = np.dtype(name).newbyteorder('>' if getattr(owner, 'is_bigendian', False) else '<')
     if numbers.size % dtype.itemsize:
         raise BadPing('bad_shape', f'{numbers.size} bytes of {echo.samples_field} are no whole number of {name}')
     return np.frombuffer(numbers.tobytes(), dtype)
+
+
+def _own_name(numbers: NDArray[Any]) -> str:
+    return 'int8' if numbers.dtype == np.int8 else 'uint8'  # rclpy gives byte[] as bytes objects
 
 
 def _said_dtype(owner: Any) -> str | None:

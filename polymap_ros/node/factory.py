@@ -7,12 +7,41 @@ from typing import Any
 
 import numpy as np
 
+from polymap_ros.errors import UsageError
+from polymap_ros.messages.fields import Field
+
+_NUMBERS = {'float': 'float32', 'double': 'float64', 'octet': 'uint8', 'char': 'uint8', 'boolean': 'bool'}
+"""rclpy's names of numbers that are not numpy's."""
+
 
 @cache
 def message_class(type_name: str) -> Any:
-    """The class of a type such as ``sensor_msgs/msg/LaserScan``."""
+    """The class of a type such as ``sensor_msgs/msg/LaserScan``.
+
+    Raises
+    ------
+    UsageError
+        Where it is not installed.
+    """
     package, kind, name = type_name.split('/')
-    return getattr(import_module(f'{package}.{kind}'), name)
+    try:
+        return getattr(import_module(f'{package}.{kind}'), name)
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f'message type {type_name} is not installed here ({error}): install or build the package '
+                         f'{package}, and source its setup file') from error
+
+
+def fields_of(type_name: str) -> dict[str, Field]:
+    """What an installed type holds, by field."""
+    return {name: _description(kind) for name, kind in message_class(type_name).get_fields_and_field_types().items()}
+
+
+def _description(kind: str) -> Field:
+    """A kind such as ``double``, ``double[36]``, ``sequence<float>`` or ``std_msgs/Header``."""
+    element = kind.removeprefix('sequence<').rstrip('>').partition('[')[0].partition(',')[0]
+    package, nested, name = element.partition('/')
+    is_array = kind.startswith('sequence<') or kind.endswith(']')
+    return Field(f'{package}/msg/{name}' if nested else _NUMBERS.get(element, element), is_array)
 
 
 def make(type_name: str, /, **fields: Any) -> Any:

@@ -13,9 +13,11 @@ from polymap_ros.errors import BadOdometry, BadPing
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.messages.echoes import ping_from_message
+from polymap_ros.messages.fields import check_echo_fields
 from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.node.declaration import LiveParameters, declare
 from polymap_ros.node.diagnostics import Diagnostics, Parts
+from polymap_ros.node.factory import fields_of
 from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.publishers import Outputs
@@ -48,6 +50,7 @@ class PolymapNode(Node):  # type: ignore[misc]
     def __init__(self, arguments: Sequence[str]) -> None:
         super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         parameters = declare(self, arguments)
+        check_echo_fields(parameters.echo, fields_of)
         self._log_parameters(parameters)
         pulse = read_pulse(parameters)
         warm_up(parameters, pulse)

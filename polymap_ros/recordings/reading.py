@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 from polymap_ros.errors import PolymapError, RecordingError
 from polymap_ros.mapping.estimate import Caution
+from polymap_ros.messages.fields import Field
 
 _FOREVER_S = 1e9
 """Beyond any recording, and still within the 64 bits that log times have."""
@@ -121,6 +122,19 @@ class Recording:
             raise RecordingError(f'{self.path}: topic {found} is empty; {advice}')
         return found
 
+    def fields_of(self, type_name: str) -> dict[str, Field]:
+        """What a type holds, by field, as the recording defines it.
+
+        Raises
+        ------
+        RecordingError
+            Where it does not.
+        """
+        definitions = self._reader.typestore.fielddefs
+        if type_name not in definitions:
+            raise RecordingError(f'{self.path}: holds no definition of {type_name}')
+        return {name: _field(description) for name, description in definitions[type_name][1]}
+
     def messages(
         self, topics: Collection[str] | None = None, start_s: float | None = None, end_s: float | None = None
     ) -> Iterator[Entry]:
@@ -174,6 +188,17 @@ class Recording:
                 text = f'{topic}: {damaged} of {seen} messages cannot be decoded'
                 found.append(Caution('recording_damaged', text))
         return found
+
+
+def _field(description: Any) -> Field:
+    """A field as rosbags describes it: a kind of node, and what it is made of."""
+    from rosbags.interfaces import Nodetype
+
+    node, detail = description
+    if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return Field(_field(detail[0]).element, is_array=True)
+    element = str(detail if node == Nodetype.NAME else detail[0])
+    return Field('uint8' if element in ('octet', 'byte', 'char') else element)
 
 
 def _topics(connections: Any) -> dict[str, Topic]:

@@ -8,6 +8,7 @@ from polymap_ros.errors import BadOdometry, BadPing, RecordingError
 from polymap_ros.mapping.estimate import Caution
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
+from polymap_ros.messages.fields import check_echo_fields
 from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Entry, Recording
@@ -40,6 +41,8 @@ class Replay:
 
     Raises
     ------
+    ParameterError
+        For fields of the echoes that are not in their type.
     RecordingError
         For a topic that is missing, empty or of another type; while iterating, for a damaged file and where no
         odometry or no echo is in the interval.
@@ -51,6 +54,7 @@ class Replay:
     ) -> None:
         self.odom_topic = recording.require(parameters.topics.odom, ODOMETRY_TYPE, 'topics.odom')
         self.echo_topic = recording.require(parameters.topics.echo, parameters.echo.type, 'topics.echo')
+        check_echo_fields(parameters.echo, recording.fields_of)
         self.topics = (self.odom_topic, self.echo_topic)
         self.total = sum(recording.topics[topic].message_count for topic in self.topics)
         self.odometry = OdometryCounts()

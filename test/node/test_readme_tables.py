@@ -5,9 +5,8 @@ from pathlib import Path
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from polymap_ros.parameters import specifications
+from polymap_ros.parameters import A_SCAN_TYPES
 
-[ECHO_TYPES] = [spec.choices for spec in specifications() if spec.name == 'echo.type']
 README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
 ROS_OWN = ('/rosout', '/parameter_events')
 
@@ -42,7 +41,7 @@ def test_outputs_inputs_and_services(start, peer):
     assert listened == {'/odom': 'nav_msgs/msg/Odometry', '/echo': 'sensor_msgs/msg/LaserScan'}
     inputs = table('## Inputs')
     assert inputs['odom'] == listened['/odom']
-    assert {name for name in inputs if '/msg/' in name} == set(ECHO_TYPES)
+    assert {name for name in inputs if '/msg/' in name} == set(A_SCAN_TYPES)
     for name in set(topics) - {'/diagnostics'}:
         [info] = peer.node.get_publishers_info_by_topic(name)
         assert info.qos_profile.reliability == ReliabilityPolicy.RELIABLE
