@@ -43,6 +43,9 @@ def _parser() -> argparse.ArgumentParser:
                         help='write polygon.png: the mapped room beside the beamforming map')
     parser.add_argument('--record', action='store_true',
                         help='write result.mcap: the odometry and all outputs, for Foxglove or RViz')
+    parser.add_argument('--export', action='append', default=[], choices=('csv', 'geojson', 'dxf'), dest='exports',
+                        help='write polygon.csv, polygon.geojson or polygon.dxf, in metres in the odometry frame, if a '
+                             'polygon closes (csv: or the walls that are certain); may be repeated')
     parser.add_argument('--save-map', action='store_true', help='write beam_map.npz: the beamforming map')
     return parser
 
@@ -58,6 +61,10 @@ def _run(arguments: argparse.Namespace) -> int:
         from polymap_ros.results.picture import require_matplotlib
 
         require_matplotlib()
+    if 'dxf' in arguments.exports:
+        from polymap_ros.results.export import require_ezdxf
+
+        require_ezdxf()
     return max(
         console.attempt(PROGRAM, lambda: _replay(recording, folder, parameters, arguments))  # noqa: B023
         for recording, folder in folders.items()
@@ -99,13 +106,15 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
         cautions = replay.cautions()
         with result_folder(folder) as stage:
             write_results(stage, mapper, estimate, parameters, cautions=cautions, truth=truth,
-                          plot=arguments.plot, save_map=arguments.save_map)
+                          plot=arguments.plot, save_map=arguments.save_map, exports=arguments.exports)
             if arguments.record:
                 write_outcome(stage / RECORD, recording, replay.odom_topic, mapper, parameters, *interval_s)
     closed = estimate.polygon if estimate.status == 'closed' else None
     comparison = compare(closed.vertices, truth) if closed and truth is not None else None
     console.tell(f'{path}: {summary(estimate, mapper.frame_id, mapper.counts, cautions, comparison)}')
     console.tell(f'odometry: {replay.odometry.received} received, {replay.odometry.used} used')
+    if missing := [name for kind in arguments.exports if not (folder / (name := f'polygon.{kind}')).exists()]:
+        console.tell(f'no {", ".join(missing)}: there is no polygon to export')
     console.tell(f'{time.monotonic() - began_s:.1f} s; results in {folder}')
     if closed is None:
         console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')

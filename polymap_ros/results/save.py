@@ -11,6 +11,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.results import folder as names
 from polymap_ros.results.arrays import beam_map_npz, state_npz
+from polymap_ros.results.export import exported
 from polymap_ros.results.map_files import map_yaml, pgm
 from polymap_ros.results.occupancy import occupancy_of
 from polymap_ros.results.picture import picture_png
@@ -20,7 +21,7 @@ from polymap_ros.results.polygon_json import encode, polygon_document
 def write_results(
     stage: Path, mapper: PolygonMapper, estimate: Estimate, parameters: Parameters, *,
     cautions: Sequence[Caution] = (), truth: NDArray[np.float64] | None = None,
-    plot: bool = False, save_map: bool = False,
+    plot: bool = False, save_map: bool = False, exports: Sequence[str] = (),
 ) -> None:
     """Write polygon.json and state.npz, map.pgm and map.yaml of a closed polygon, and what else is asked for.
 
@@ -40,6 +41,8 @@ def write_results(
         Corners of the true polygon [m], for the picture.
     plot, save_map : bool
         Whether to write polygon.png and beam_map.npz.
+    exports : sequence of str
+        Formats of `polymap_ros.results.export` to write ``polygon.<format>`` in, where there is something to write.
 
     Raises
     ------
@@ -59,3 +62,6 @@ def write_results(
         (stage / names.PICTURE).write_bytes(picture_png(mapper, estimate, truth))
     if save_map:
         (stage / names.BEAM_MAP).write_bytes(beam_map_npz(mapper.beam_map, mapper.start_pose))
+    for kind in exports:
+        if (content := exported(kind, estimate, mapper.frame_id)) is not None:
+            (stage / f'polygon.{kind}').write_bytes(content)

@@ -111,6 +111,22 @@ def test_results_of_an_earlier_run_are_replaced(call, triangle, tmp_path):
         'polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'notes.txt'}
 
 
+def test_exports_lie_beside_the_other_results(call, triangle, tmp_path):
+    exports = (word for kind in ('csv', 'geojson', 'dxf') for word in ('--export', kind))
+    done = call('replay', triangle, '--output', 'out', *exports, *FAST)
+    assert done.status == 0, done.err
+    found = read_json(tmp_path / 'out' / 'polygon.json')
+    feature = read_json(tmp_path / 'out' / 'polygon.geojson')
+    assert feature['geometry']['coordinates'][0][:-1] == found['vertices']
+    assert len((tmp_path / 'out' / 'polygon.csv').read_text().splitlines()) == 1 + len(found['edges'])
+    assert (tmp_path / 'out' / 'polygon.dxf').stat().st_size > 1000
+    # Too short to close: what an earlier run exported is not left behind as if it were this one's.
+    done = call('replay', triangle, '--output', 'out', '--end', '1', '--export', 'dxf', '--export', 'geojson', *FAST)
+    assert done.status == 1
+    assert 'no polygon.dxf, polygon.geojson: there is no polygon to export' in done.out.splitlines()
+    assert list((tmp_path / 'out').glob('polygon.*')) == [tmp_path / 'out' / 'polygon.json']
+
+
 def test_the_default_folder_is_the_output_parameter(call, triangle, tmp_path):
     assert call('replay', triangle, *FAST).status == 0
     assert (tmp_path / 'polymap' / 'polygon.json').exists()
@@ -194,7 +210,8 @@ def test_ctrl_c_ends_with_130_and_writes_nothing(start, triangle, tmp_path, mome
 def test_help_names_every_option(run):
     done = run('replay', '--help')
     assert done.status == 0
-    for option in ('--params-file', '-p', '--output', '--start', '--end', '--plot', '--record', '--save-map'):
+    for option in ('--params-file', '-p', '--output', '--start', '--end', '--plot', '--record', '--export',
+                   '--save-map'):
         assert option in done.out
     assert 'the parameter output.dir, which is polymap' in ' '.join(done.out.split())
 
