@@ -1,5 +1,7 @@
 """Eq. (4): the likelihood of a wall at every (r, theta), updated ping by ping."""
 
+import copy
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -72,6 +74,12 @@ class BeamformingMap:
         if self.count % _BLOCK == 0:
             self._total += self._recent
             self._recent[:] = 0.0
+
+    def copy(self) -> 'BeamformingMap':
+        """A map of its own with the same pings."""
+        twin = copy.copy(self)
+        twin._total, twin._recent, twin._mirrored = self._total.copy(), self._recent.copy(), self._mirrored.copy()
+        return twin
 
     @property
     def values(self) -> NDArray[np.float32]:

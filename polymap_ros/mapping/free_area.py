@@ -1,5 +1,7 @@
 """A_T: the area that no wall crosses, the union of the discs of radius rho_i about the sensor's positions."""
 
+import copy
+
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +33,12 @@ class FreeArea:
         self._region = None
         if len(self._discs) == _BLOCK:
             self._united, self._discs = self._with_discs(), []
+
+    def copy(self) -> 'FreeArea':
+        """An area of its own of the same discs."""
+        twin = copy.copy(self)
+        twin._discs = list(self._discs)
+        return twin
 
     @property
     def shape(self) -> shapely.Geometry:

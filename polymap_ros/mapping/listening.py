@@ -1,6 +1,8 @@
 """What a ping tells at its own place: eq. (3), its envelope and the closest range, or why it cannot be used."""
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +27,15 @@ _FILTERS = 8
 """Filters kept: pings of so many different lengths, periods and starts may alternate."""
 
 
+Later: TypeAlias = Callable[[Callable[[], None]], None]
+"""Does a job that takes long: at once, or in another thread."""
+
+
+def at_once(job: Callable[[], None]) -> None:
+    """Do a job before going on."""
+    job()
+
+
 class Heard(NamedTuple):
     """Eq. (3) on the fine axis, its magnitude on the range axis, the closest range [m], the noise; see `Sounding`."""
 
@@ -45,6 +56,8 @@ class Listener:
         Range axis from 0 [m].
     recorded_pulse : ndarray, shape (n,), optional
         Samples of ``pulse.kind: file``.
+    later : callable, optional
+        Builds the filter that the first ping of a length needs; default: at once.
 
     Attributes
     ----------
@@ -55,8 +68,10 @@ class Listener:
     """
 
     def __init__(
-        self, parameters: Parameters, ranges_m: NDArray[np.float64], recorded_pulse: NDArray[np.float64] | None = None
+        self, parameters: Parameters, ranges_m: NDArray[np.float64],
+        recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once,
     ) -> None:
+        self._later = later
         self._parameters = parameters
         self._ranges_m = ranges_m
         self._step_m = float(ranges_m[1] - ranges_m[0])
@@ -70,7 +85,8 @@ class Listener:
         self.fold = max(1, int(np.ceil(self._step_m / step_m - 1e-9)))
         self.n_fine = (len(ranges_m) - 1) * self.fold + 1
         self._fine_m = np.arange(self.n_fine, dtype=float) * (self._step_m / self.fold)
-        self._filters: dict[tuple[int, float, float], tuple[EchoFilter, NoiseGauge]] = {}
+        self._filters: dict[_Key, tuple[EchoFilter, NoiseGauge]] = {}
+        self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
 
     def check(self, ping: Ping) -> None:
@@ -124,7 +140,7 @@ class Listener:
         if self._shape is None:
             period_s = 0.125 / self._parameters.pulse.frequency_hz
             nominal = Ping(0, np.zeros(int(self._pulse(period_s).duration_s / period_s) + 64), period_s)
-            self._shape = self._filter(nominal)[0].autocorrelation
+            self._shape = self._correlation(_key(nominal)).autocorrelation
         return PulseShape.of(self._shape, float(self._fine_m[1]))
 
     def _blanking_m(self, ping: Ping) -> float:
@@ -133,15 +149,40 @@ class Listener:
     def _pulse(self, period_s: float) -> Pulse:
         return make_pulse(self._parameters.pulse, self._recorded, period_s)
 
+    def ready(self, ping: Ping) -> bool:
+        """Whether `hear` answers at once; where its filter is missing, that is begun."""
+        key = _key(ping)
+        if key not in self._filters and key not in self._begun:
+            self._begun.add(key)
+            self._later(partial(self._prepare, key))
+        return key in self._filters
+
+    def _prepare(self, key: '_Key') -> None:
+        try:
+            made = self._correlation(key), NoiseGauge(self._medium, self._pulse(key[1]), *key[:2])
+        finally:
+            self._begun.discard(key)
+        if len(self._filters) == _FILTERS:
+            del self._filters[next(iter(self._filters))]
+        self._filters[key] = made
+
     def _filter(self, ping: Ping) -> tuple[EchoFilter, NoiseGauge]:
-        # Seven digits: what float32 fields hold, so that their rounding does not make a new filter of every ping.
-        key = ping.samples.size, float(f'{ping.period_s:.6e}'), round(ping.t0_s, 10)
+        key = _key(ping)
         if key not in self._filters:
-            if len(self._filters) == _FILTERS:
-                del self._filters[next(iter(self._filters))]
-            pulse = self._pulse(key[1])
-            correlate: EchoFilter = (
-                MatchedFilter(self._medium, pulse, self._fine_m, *key) if self._parameters.echo.kind == 'rf'
-                else EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key))
-            self._filters[key] = correlate, NoiseGauge(self._medium, pulse, *key[:2])
+            self._prepare(key)
         return self._filters[key]
+
+    def _correlation(self, key: '_Key') -> EchoFilter:
+        pulse = self._pulse(key[1])
+        if self._parameters.echo.kind == 'rf':
+            return MatchedFilter(self._medium, pulse, self._fine_m, *key)
+        return EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key)
+
+
+_Key: TypeAlias = tuple[int, float, float]
+"""Samples, sample period [s] and time of the first sample [s]."""
+
+
+def _key(ping: Ping) -> _Key:
+    # Seven digits: what float32 fields hold, so that their rounding does not make a new filter of every ping.
+    return ping.samples.size, float(f'{ping.period_s:.6e}'), round(ping.t0_s, 10)

@@ -1,5 +1,6 @@
 """From echoes and odometry to the polygon: the one way through."""
 
+import copy
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,7 +11,7 @@ from polymap_ros.errors import BadPing, StateError
 from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.free_area import FreeArea
-from polymap_ros.mapping.listening import Listener
+from polymap_ros.mapping.listening import Later, Listener, at_once
 from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
@@ -38,6 +39,9 @@ class PolygonMapper:
         Everything but the group `topics`, `map` and `output`.
     recorded_pulse : ndarray, shape (n,), optional
         Samples of ``pulse.kind: file``.
+    later : callable, optional
+        Does what the first ping of a length takes longer for; default: at once. Pings wait until it is done, and for
+        `go_on`.
 
     Attributes
     ----------
@@ -55,10 +59,11 @@ class PolygonMapper:
         The last finished solve.
     """
 
-    def __init__(self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None) -> None:
+    def __init__(
+        self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once
+    ) -> None:
         self.parameters = parameters
-        self._solver = make_solver(parameters)
-        self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse)
+        self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
         self.reset()
 
     def reset(self) -> None:
@@ -72,8 +77,21 @@ class PolygonMapper:
         self.start_pose: Pose | None = None
         self.frame_id = ''
         self.estimate: Estimate | None = None
-        self._solver.reset()
+        self._solver = make_solver(self.parameters)  # a twin may be in the middle of a solve
         self._solving = False
+
+    def twin(self) -> 'PolygonMapper':
+        """A copy to be solved, saved or drawn in another thread while this one takes what comes.
+
+        It solves with the same solver, so that the next solve starts from its answer; `reset` and `configure` of
+        either leave the other alone.
+        """
+        twin = copy.copy(self)
+        twin._track = self._track.copy()
+        twin._queue = self._queue.copy(twin._track)
+        twin.beam_map, twin.free_area = self.beam_map.copy(), self.free_area.copy()
+        twin.soundings, twin._thinning = list(self.soundings), self._thinning.copy()
+        return twin
 
     def configure(self, parameters: Parameters) -> None:
         """Take over changed `solver` parameters; a solve under way is dropped. The others are for a new mapper."""
@@ -99,7 +117,7 @@ class PolygonMapper:
         if self.frame_id not in ('', frame_id) or not self._track.add(stamp_ns, pose):
             return False
         self.frame_id = frame_id
-        self._use_placed()
+        self.go_on()
         return True
 
     def add_ping(self, ping: Ping) -> None:
@@ -110,7 +128,7 @@ class PolygonMapper:
             self._queue.refuse(bad.reason, str(bad))
         else:
             self._queue.put(ping)
-            self._use_placed()
+            self.go_on()
 
     def drop(self, reason: str, text: str = '') -> None:
         """Count a ping that was received and refused before it became one."""
@@ -120,8 +138,9 @@ class PolygonMapper:
         """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
         self._queue.finish()
 
-    def _use_placed(self) -> None:
-        for ping, base in self._queue.placed():
+    def go_on(self) -> None:
+        """Use the pings that have waited long enough: for their odometry, or for what was to be done `later`."""
+        for ping, base in self._queue.placed(self._listener.ready):
             sensor = base.compose(Pose(self.parameters.sensor.x_m, self.parameters.sensor.y_m))
             self.start_pose = self.start_pose or sensor
             place = self.start_pose.inverse().compose(sensor)
@@ -172,7 +191,7 @@ class PolygonMapper:
     @classmethod
     def from_state(
         cls, parameters: Parameters, state: Mapping[str, NDArray[np.generic]],
-        recorded_pulse: NDArray[np.float64] | None = None,
+        recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once,
     ) -> 'PolygonMapper':
         """Continue from what `state` gave.
 
@@ -181,7 +200,7 @@ class PolygonMapper:
         StateError
             For a state that is damaged, of another version, or taken with other parameters that matter.
         """
-        mapper = cls(parameters, recorded_pulse)
+        mapper = cls(parameters, recorded_pulse, later)
         try:
             parts = unpacked(parameters, state)
             mapper.frame_id, mapper.start_pose = unpacked_frame(parts['frame'])

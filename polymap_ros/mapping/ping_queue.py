@@ -1,7 +1,9 @@
 """Pings on their way to a pose, and what became of every one."""
 
+import copy
+import dataclasses
 import heapq
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -55,6 +57,14 @@ class PingQueue:
         self._taken: set[int] = set()
         self._kept = 0
 
+    def copy(self, track: PoseTrack) -> 'PingQueue':
+        """A queue of its own with the same pings, upon a copy of the track."""
+        twin = copy.copy(self)
+        twin._track, twin._heap, twin._taken = track, list(self._heap), set(self._taken)
+        twin.counts = dataclasses.replace(self.counts, dropped=dict(self.counts.dropped))
+        twin.last_texts = dict(self.last_texts)
+        return twin
+
     def put(self, ping: Ping) -> None:
         """Take a ping that was received; one emitted when another one was is dropped as ``duplicate``."""
         self.counts.received += 1
@@ -78,10 +88,13 @@ class PingQueue:
         self.counts.dropped[reason] = self.counts.dropped.get(reason, 0) + 1
         self.last_texts[reason] = text
 
-    def placed(self) -> Iterator[tuple[Ping, Pose]]:
-        """Pings, by time of emission, with the pose of the robot's base then; each counts as used."""
+    def placed(self, ready: Callable[[Ping], bool] = lambda ping: True) -> Iterator[tuple[Ping, Pose]]:
+        """Pings, by time of emission, with the pose of the robot's base then; each counts as used.
+
+        One that is not ready yet keeps those after it waiting.
+        """
         newest_ns = self._track.newest_ns
-        while self._heap and newest_ns is not None and self._heap[0][0] <= newest_ns:
+        while self._heap and newest_ns is not None and self._heap[0][0] <= newest_ns and ready(self._heap[0][2]):
             emission_ns, _, ping = heapq.heappop(self._heap)
             self.counts.waiting = len(self._heap)
             try:

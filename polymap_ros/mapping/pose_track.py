@@ -1,5 +1,6 @@
 """The odometry's recent past: the pose at any time between two messages."""
 
+import copy
 from bisect import bisect_right
 
 import numpy as np
@@ -29,6 +30,12 @@ class PoseTrack:
         self._max_gap_ns = round(parameters.max_gap_s * _NS)
         self._stamps: list[int] = []
         self._poses: list[Pose] = []
+
+    def copy(self) -> 'PoseTrack':
+        """A track of its own with the same poses."""
+        twin = copy.copy(self)
+        twin._stamps, twin._poses = list(self._stamps), list(self._poses)
+        return twin
 
     def __len__(self) -> int:
         return len(self._stamps)

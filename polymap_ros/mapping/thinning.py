@@ -1,5 +1,6 @@
 """A bounded, spatially spread choice of the pings whose echoes are kept, so that work and memory do not grow."""
 
+import copy
 import dataclasses
 from collections.abc import Sequence
 
@@ -32,6 +33,12 @@ class Thinning:
             if sounding.echo.size:
                 thinning._keep(index, sounding)
         return thinning
+
+    def copy(self) -> 'Thinning':
+        """The same state, to go on from apart."""
+        twin = copy.copy(self)
+        twin._kept = list(self._kept)
+        return twin
 
     def add(self, soundings: list[Sounding]) -> None:
         """Take the newest sounding in; another one may lose its echo."""

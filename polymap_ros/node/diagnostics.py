@@ -15,6 +15,7 @@ from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.solving import SolveLoop
+from polymap_ros.node.stopwatch import Stopwatch
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -32,6 +33,7 @@ class Parts:
     latency: Latency
     solving: SolveLoop
     saver: Saver
+    stopwatch: Stopwatch
 
 
 class Diagnostics:
@@ -128,8 +130,9 @@ class Diagnostics:
             'latency p50 [ms]': f'{1e3 * parts.latency.percentile_s(50):.1f}',
             'latency p99 [ms]': f'{1e3 * parts.latency.percentile_s(99):.1f}',
             'solve time [s]': f'{parts.solving.solve_s:.3f}',
-            'longest odometry callback [ms]': f'{1e3 * parts.odometry.slowest_s:.1f}',
-            'longest echo callback [ms]': f'{1e3 * parts.echoes.slowest_s:.1f}',
+            'longest callback [ms]': f'{1e3 * parts.stopwatch.recent_s():.1f}',
+            'longest callback since the start [ms]': f'{1e3 * parts.stopwatch.longest_s:.1f}',
+            'longest callback': parts.stopwatch.longest,
             'saved': parts.saver.saved,
         }
         if estimate is not None:

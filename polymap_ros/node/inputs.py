@@ -12,6 +12,7 @@ from rclpy.qos import QoSCompatibility, qos_check_compatible, qos_policy_name_fr
 from polymap_ros.errors import ParameterError
 from polymap_ros.node.factory import message_class
 from polymap_ros.node.qos import overridable, sensor_input
+from polymap_ros.node.stopwatch import Stopwatch
 
 SILENCE_S = 5.0
 """After this time without a message, the reason is looked for and told."""
@@ -29,7 +30,9 @@ class Input:
     type_name : str
         Such as ``nav_msgs/msg/Odometry``.
     take : callable
-        Called with each message.
+        Called with each message and the time [ns, system clock] at which it was received.
+    stopwatch : Stopwatch
+        Times `take`.
 
     Raises
     ------
@@ -41,22 +44,20 @@ class Input:
     received, refused, lost, incompatible : int
         Messages that came, those of them that were no use, messages the middleware lost, publishers that offer
         a QoS we cannot take.
-    slowest_s : float
-        Longest time that `take` needed [s].
     """
 
-    def __init__(self, node: Node, topic: str, type_name: str, take: Callable[[Any], None]) -> None:
+    def __init__(self, node: Node, topic: str, type_name: str, take: Callable[[Any, int], None],
+                 stopwatch: Stopwatch) -> None:
         self.type_name = type_name
         self.received = self.refused = self.lost = self.incompatible = 0
-        self.slowest_s = 0.0
         self._node = node
         self._take = take
         self._newest_s = time.monotonic()
         events = SubscriptionEventCallbacks(incompatible_qos=self._refused, message_lost=self._lost)
         try:
             self._subscription = node.create_subscription(
-                message_class(type_name), topic, self._received, sensor_input(), event_callbacks=events,
-                qos_overriding_options=overridable())
+                message_class(type_name), topic, stopwatch.timed(topic, self._received), sensor_input(),
+                event_callbacks=events, qos_overriding_options=overridable())
         except (RuntimeError, ValueError, TypeError, ParameterException) as error:
             name = f'qos_overrides.{node.resolve_topic_name(topic)}.subscription.*'
             raise ParameterError(name, str(error)) from error
@@ -86,11 +87,10 @@ class Input:
                 return f'incompatible QoS on {self.topic}: {why.strip().rstrip(";")}'
         return f'{self.topic} has a publisher, but no message {"came" if self.received == 0 else "comes any more"}'
 
-    def _received(self, message: Any) -> None:
+    def _received(self, message: Any, info: dict[str, Any]) -> None:
         self.received += 1
-        started_s = self._newest_s = time.monotonic()
-        self._take(message)
-        self.slowest_s = max(self.slowest_s, time.monotonic() - started_s)
+        self._newest_s = time.monotonic()
+        self._take(message, info['received_timestamp'] or time.time_ns())
 
     def _lost(self, event: Any) -> None:
         self.lost = event.total_count

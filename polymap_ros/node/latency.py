@@ -1,4 +1,4 @@
-"""How long a ping takes from its arrival to its place in the map, the wait for its odometry included."""
+"""How long a ping takes from its arrival to its place in the map, all waiting included."""
 
 import time
 from collections import deque
@@ -22,22 +22,22 @@ class Latency:
     def __init__(self, mapper: PolygonMapper) -> None:
         self._mapper = mapper
         self._used = mapper.counts.used
-        self._arrivals: dict[int, float] = {}
+        self._arrivals: dict[int, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=KEPT)
 
-    def arrived(self, stamp_ns: int) -> None:
-        """A ping of this stamp has come."""
+    def arrived(self, stamp_ns: int, received_ns: int) -> None:
+        """A ping of this stamp has been received [ns, system clock] by the middleware."""
         if len(self._arrivals) >= KEPT:
             del self._arrivals[next(iter(self._arrivals))]
-        self._arrivals[stamp_ns] = time.monotonic()
+        self._arrivals[stamp_ns] = received_ns
 
     def settle(self) -> None:
         """Look for pings that have been used since; called after whatever may have placed some."""
         new, self._used = self._mapper.counts.used - self._used, self._mapper.counts.used
         for sounding in self._mapper.soundings[-new:] if new > 0 else ():
-            arrival_s = self._arrivals.pop(sounding.stamp_ns, None)
-            if arrival_s is not None:
-                self._latencies_s.append(time.monotonic() - arrival_s)
+            received_ns = self._arrivals.pop(sounding.stamp_ns, None)
+            if received_ns is not None:
+                self._latencies_s.append(1e-9 * (time.time_ns() - received_ns))
 
     def percentile_s(self, share: float) -> float:
         """Percentile [s] over the newest pings; nan where there was none."""

@@ -15,6 +15,7 @@ from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import check_echo_fields
 from polymap_ros.messages.odometry import stamped_pose
+from polymap_ros.node.background import Background
 from polymap_ros.node.declaration import LiveParameters, declare
 from polymap_ros.node.diagnostics import Diagnostics, Parts
 from polymap_ros.node.factory import fields_of
@@ -23,6 +24,7 @@ from polymap_ros.node.latency import Latency
 from polymap_ros.node.publishers import Outputs
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.solving import SolveLoop
+from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import NODE_NAME, Parameters
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.results.arrays import read_state
@@ -54,42 +56,47 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._log_parameters(parameters)
         pulse = read_pulse(parameters)
         warm_up(parameters, pulse)
+        self._stopwatch = Stopwatch()
+        self._background = Background(self, self._stopwatch, self._go_on)
         if parameters.output.load_path:
             state = read_state(Path(parameters.output.load_path))
-            self._mapper = PolygonMapper.from_state(parameters, state, pulse)
+            self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background)
         else:
-            self._mapper = PolygonMapper(parameters, pulse)
+            self._mapper = PolygonMapper(parameters, pulse, self._background)
+        self._latency = Latency(self._mapper)
         self._newest_ns = max((sounding.stamp_ns for sounding in self._mapper.soundings), default=None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._live = LiveParameters(self, parameters, self._apply)
-        self._outputs = Outputs(self, self._mapper, steady, lambda: self._live.current)
-        self._solving = SolveLoop(self, self._mapper, steady, self._outputs.publish)
+        watch = self._stopwatch
+        self._outputs = Outputs(self, self._mapper, steady, watch, lambda: self._live.current)
+        self._solving = SolveLoop(self, self._mapper, steady, watch, self._outputs.drawn, self._outputs.publish)
         self._solving.set_period(parameters.solver.period_s)
-        self._saver = Saver(self, self._mapper, lambda: self._live.current, pulse)
-        self.create_timer(AUTOSAVE_CHECK_S, self._saver.autosave, clock=steady)
-        self._latency = Latency(self._mapper)
+        self._saver = Saver(self, self._mapper, lambda: self._live.current, watch)
+        self.create_timer(AUTOSAVE_CHECK_S, watch.timed('automatic save', self._saver.autosave), clock=steady)
         self._watch_clock()
-        self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry)
-        self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo)
-        parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver)
+        self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry, watch)
+        self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo, watch)
+        parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver, watch)
         self._diagnostics = Diagnostics(self, parts)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, self._diagnostics.publish, clock=steady)
+        self.create_timer(DIAGNOSTICS_PERIOD_S, watch.timed('diagnostics', self._diagnostics.publish), clock=steady)
         self._offer_services()
         self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
 
     def reset(self) -> None:
         """Forget the map and clear what is latched."""
         frame_id = self._mapper.frame_id
-        self._solving.exclusively(self._mapper.reset)
+        self._mapper.reset()
+        self._solving.drop()
         self._newest_ns = None
         self._outputs.clear(frame_id)
 
     def close(self) -> None:
         """Drop what is being solved and finish what is being written; to be called after the last callback."""
         self._solving.close()
+        self._background.close()
         self._saver.close()
 
-    def _take_odometry(self, message: Any) -> None:
+    def _take_odometry(self, message: Any, received_ns: int) -> None:
         try:
             stamp_ns, frame_id, pose = stamped_pose(message)
         except BadOdometry as error:
@@ -108,7 +115,7 @@ class PolymapNode(Node):  # type: ignore[misc]
                 self.get_logger().warning(f'odometry in frame {frame_id!r} is refused, the map is in '
                                           f'{self._mapper.frame_id!r}; ~/reset forgets it', throttle_duration_sec=10.0)
 
-    def _take_echo(self, message: Any) -> None:
+    def _take_echo(self, message: Any, received_ns: int) -> None:
         if self._solving.paused:
             self._mapper.drop('paused')
             return
@@ -118,8 +125,12 @@ class PolymapNode(Node):  # type: ignore[misc]
         except BadPing as error:
             self._mapper.drop(error.reason, str(error))
             return
-        self._latency.arrived(ping.stamp_ns)
+        self._latency.arrived(ping.stamp_ns, received_ns)
         self._mapper.add_ping(ping)
+        self._latency.settle()
+
+    def _go_on(self) -> None:
+        self._mapper.go_on()
         self._latency.settle()
 
     def _watch_clock(self) -> None:
@@ -138,7 +149,8 @@ class PolymapNode(Node):  # type: ignore[misc]
                                       '(odometry.on_jump_back)', throttle_duration_sec=60.0)
 
     def _apply(self, parameters: Parameters) -> None:
-        self._solving.exclusively(lambda: self._mapper.configure(parameters))
+        self._mapper.configure(parameters)
+        self._solving.drop()
         self._solving.set_period(parameters.solver.period_s)
 
     def _log_parameters(self, parameters: Parameters) -> None:
@@ -146,7 +158,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         self.get_logger().info('parameters:\n' + '\n'.join(lines))
 
     def _offer_services(self) -> None:
-        self.create_service(Trigger, '~/reset', self._serve_reset)
+        self.create_service(Trigger, '~/reset', self._stopwatch.timed('reset', self._serve_reset))
         self.create_service(SetBool, '~/pause', self._serve_pause)
 
     def _serve_reset(self, request: Any, response: Any) -> Any:

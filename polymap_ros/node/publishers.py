@@ -1,8 +1,9 @@
 """The node's outputs: polygon, markers, beamforming map and occupancy map, all latched."""
 
 from collections import deque
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, TypeAlias
 
 from rclpy.clock import Clock
 from rclpy.node import Node
@@ -12,11 +13,12 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages import markers, outputs
 from polymap_ros.node.factory import make, message_class
 from polymap_ros.node.qos import latched_output
+from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.occupancy import occupancy_of
 
 PERIOD_S = 0.005
-"""Time between two messages, which are built one by one so that no callback takes long."""
+"""Time between two messages, which are published one by one so that no callback takes long."""
 
 BEAM_MAP_PERIOD_S = 1.0
 HEARTBEAT_PERIOD_S = 10.0
@@ -40,6 +42,10 @@ class Latched:
             self._publisher.publish(self._last)
 
 
+Ready: TypeAlias = tuple[Latched, Any]
+"""A message and where it goes."""
+
+
 class Outputs:
     """Publishes what the mapper found; an open or ambiguous answer never as a polygon or a map.
 
@@ -51,12 +57,15 @@ class Outputs:
         What is shown.
     steady : Clock
         The steady clock.
+    stopwatch : Stopwatch
+        Times the callbacks.
     parameters : callable
         Gives the parameters in force.
     """
 
     def __init__(
-        self, node: Node, mapper: PolygonMapper, steady: Clock, parameters: Callable[[], Parameters]
+        self, node: Node, mapper: PolygonMapper, steady: Clock, stopwatch: Stopwatch,
+        parameters: Callable[[], Parameters],
     ) -> None:
         self._node = node
         self._mapper = mapper
@@ -68,14 +77,29 @@ class Outputs:
         self._map = Latched(node, 'map', 'nav_msgs/msg/OccupancyGrid')
         self._mapped_pings = 0
         self._due: deque[Callable[[], None]] = deque()
-        self._timer = node.create_timer(PERIOD_S, self._publish_next, clock=steady)
+        self._timer = node.create_timer(PERIOD_S, stopwatch.timed('output', self._publish_next), clock=steady)
         self._timer.cancel()
-        node.create_timer(BEAM_MAP_PERIOD_S, self._publish_beam_map, clock=steady)
-        node.create_timer(HEARTBEAT_PERIOD_S, self._repeat, clock=steady)
+        node.create_timer(BEAM_MAP_PERIOD_S, stopwatch.timed('beam map', self._publish_beam_map), clock=steady)
+        node.create_timer(HEARTBEAT_PERIOD_S, stopwatch.timed('heartbeat', self._repeat), clock=steady)
 
-    def publish(self) -> None:
-        """Publish the last estimate, message by message."""
-        self._due = deque((self._publish_polygon, self._publish_markers, self._publish_map))
+    def drawn(self, twin: PolygonMapper) -> list[Ready]:
+        """The messages of a twin's estimate; in any thread."""
+        marked = self._markers, markers.marker_array_message(make, markers.drawing_of(twin))
+        if twin.estimate is None or twin.estimate.polygon is None:
+            return [marked]
+        vertices, stamp_ns = twin.estimate.polygon.vertices, twin.estimate.stamp_ns
+        messages = [(self._polygon, outputs.polygon_message(make, stamp_ns, twin.frame_id, vertices)), marked]
+        try:
+            grid = occupancy_of(vertices, self._parameters())
+        except ParameterError as error:
+            self._node.get_logger().error(str(error), throttle_duration_sec=60.0)
+            return messages
+        return [*messages, (self._map, outputs.occupancy_grid_message(
+            make, stamp_ns, twin.frame_id, grid.cells, grid.resolution_m, grid.origin))]
+
+    def publish(self, messages: Sequence[Ready]) -> None:
+        """Publish what was drawn, message by message."""
+        self._due = deque(partial(output.publish, message) for output, message in messages)
         self._timer.reset()
 
     def clear(self, frame_id: str) -> None:
@@ -92,27 +116,6 @@ class Outputs:
             self._due.popleft()()
         if not self._due:
             self._timer.cancel()
-
-    def _publish_polygon(self) -> None:
-        estimate = self._mapper.estimate
-        if estimate is not None and estimate.polygon is not None:
-            self._polygon.publish(outputs.polygon_message(
-                make, estimate.stamp_ns, self._mapper.frame_id, estimate.polygon.vertices))
-
-    def _publish_markers(self) -> None:
-        self._markers.publish(markers.marker_array_message(make, markers.drawing_of(self._mapper)))
-
-    def _publish_map(self) -> None:
-        estimate = self._mapper.estimate
-        if estimate is None or estimate.polygon is None:
-            return
-        try:
-            grid = occupancy_of(estimate.polygon.vertices, self._parameters())
-        except ParameterError as error:
-            self._node.get_logger().error(str(error), throttle_duration_sec=60.0)
-            return
-        self._map.publish(outputs.occupancy_grid_message(
-            make, estimate.stamp_ns, self._mapper.frame_id, grid.cells, grid.resolution_m, grid.origin))
 
     def _publish_beam_map(self) -> None:
         """Publish the beamforming map where it has changed, at a limited rate, since it is large."""

@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.task import Future as RosFuture
@@ -20,6 +18,7 @@ from polymap_ros.atomic import move_into_place, staging
 from polymap_ros.errors import PolymapError
 from polymap_ros.mapping.estimate import Caution, Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.save import write_results
 
@@ -35,8 +34,8 @@ class Saver:
         What is saved.
     parameters : callable
         Gives the parameters in force.
-    recorded_pulse : ndarray, shape (n,), optional
-        As the mapper has it.
+    stopwatch : Stopwatch
+        Times the callbacks.
 
     Attributes
     ----------
@@ -47,14 +46,13 @@ class Saver:
     """
 
     def __init__(
-        self, node: Node, mapper: PolygonMapper, parameters: Callable[[], Parameters],
-        recorded_pulse: NDArray[np.float64] | None = None,
+        self, node: Node, mapper: PolygonMapper, parameters: Callable[[], Parameters], stopwatch: Stopwatch
     ) -> None:
         self.saved = self.problem = ''
         self._node = node
         self._mapper = mapper
         self._parameters = parameters
-        self._recorded_pulse = recorded_pulse
+        self._start = stopwatch.timed('begin of a save', self._start_save)
         self._writer = ThreadPoolExecutor(1, thread_name_prefix='save')
         self._automatic: Future[Path] | None = None
         self._automatic_s = time.monotonic()
@@ -84,17 +82,12 @@ class Saver:
             self._finish_automatic(self._start())
         self._writer.shutdown()
 
-    def _start(self) -> 'Future[Path]':
+    def _start_save(self) -> 'Future[Path]':
         mapper, parameters = self._mapper, self._parameters()
         self._saved_pings = mapper.counts.used
         estimate = mapper.estimate or Estimate(
             'open', parameters.solver.method, cautions=(Caution('no_answer', 'nothing has been solved yet'),))
-        state = mapper.state()
-
-        def copy() -> PolygonMapper:
-            return PolygonMapper.from_state(parameters, state, self._recorded_pulse)
-
-        return self._writer.submit(_write, copy, estimate, parameters)
+        return self._writer.submit(_write, mapper.twin(), estimate, parameters)
 
     def _finish_automatic(self, future: 'Future[Path]') -> None:
         """Keep only the newest automatic save."""
@@ -124,9 +117,8 @@ class Saver:
         return response
 
 
-def _write(copy: Callable[[], PolygonMapper], estimate: Estimate, parameters: Parameters) -> Path:
-    """Write a copy of the mapper as a whole folder that did not exist before; return its absolute path."""
-    mapper = copy()
+def _write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Path:
+    """Write a twin of the mapper as a whole folder that did not exist before; return its absolute path."""
     stamp_ns = max((sounding.stamp_ns for sounding in mapper.soundings), default=0)
     parent = Path(parameters.output.dir).resolve()
     with staging(parent / 'save') as stage:

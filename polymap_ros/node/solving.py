@@ -3,20 +3,30 @@
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
 
 from rclpy.clock import Clock
 from rclpy.node import Node
 
+from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.node.stopwatch import Stopwatch
+
+
+class _Outcome(NamedTuple):
+    number: int
+    taken_s: float
+    problem: str
+    estimate: Estimate | None = None
+    messages: Sequence[Any] = ()
 
 
 class SolveLoop:
     """Begins a solve from a timer on the steady clock, so that it goes on when ``/clock`` stands still.
 
-    A solver works on what it copied when it began, so poses and pings never wait for it; only what touches the
-    solver itself waits for its current step, see `exclusively`.
+    A solve works on a twin of the mapper, so poses, pings, a reset and a change of parameters never wait for it.
 
     Parameters
     ----------
@@ -26,8 +36,12 @@ class SolveLoop:
         What is solved.
     steady : Clock
         The steady clock.
+    stopwatch : Stopwatch
+        Times the callbacks.
+    drawn : callable
+        Called in the thread with the solved twin; returns the messages to publish.
     finished : callable
-        Called in the executor's thread after each finished solve.
+        Called with them in the executor's thread, after the mapper has got its estimate.
 
     Attributes
     ----------
@@ -39,23 +53,26 @@ class SolveLoop:
         Why the last solve failed; empty when it did not.
     """
 
-    def __init__(self, node: Node, mapper: PolygonMapper, steady: Clock, finished: Callable[[], None]) -> None:
+    def __init__(
+        self, node: Node, mapper: PolygonMapper, steady: Clock, stopwatch: Stopwatch,
+        drawn: Callable[[PolygonMapper], Sequence[Any]], finished: Callable[[Sequence[Any]], None],
+    ) -> None:
         self.behind = 0
         self.solve_s = 0.0
         self.problem = ''
         self._node = node
         self._mapper = mapper
+        self._drawn = drawn
         self._finished = finished
         self._solving = False
         self._solved_pings = 0
         self._number = 0
-        self._outcome = 0, 0.0, ''
-        self._step = threading.Lock()
+        self._outcome = _Outcome(0, 0.0, '')
         self._running = threading.Event()
         self._running.set()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='solve')
-        self._ended = node.create_guard_condition(self._end)
-        self._timer = node.create_timer(1.0, self._begin, clock=steady)
+        self._ended = node.create_guard_condition(stopwatch.timed('end of a solve', self._end))
+        self._timer = node.create_timer(1.0, stopwatch.timed('begin of a solve', self._begin), clock=steady)
 
     @property
     def paused(self) -> bool:
@@ -74,17 +91,15 @@ class SolveLoop:
         self._timer.timer_period_ns = round(period_s * 1e9)
         self._timer.reset()
 
-    def exclusively(self, change: Callable[[], None]) -> None:
-        """Change the mapper or its solver; a solve under way is dropped, and the next comes in any case."""
-        with self._step:
-            self._number += 1
-            change()
+    def drop(self) -> None:
+        """Drop a solve under way, which ends after its current step; the next comes in any case."""
+        self._number += 1
         self._solving = False
         self._solved_pings = 0
 
     def close(self) -> None:
         """Drop the solve under way and end the thread."""
-        self.exclusively(lambda: None)
+        self.drop()
         self._running.set()
         self._thread.shutdown()
 
@@ -95,33 +110,33 @@ class SolveLoop:
         if self._solving:
             self.behind += 1
             return
-        with self._step:
-            self._number += 1
-            self._mapper.begin_solve()
+        self._number += 1
         self._solving, self._solved_pings = True, used
-        self._thread.submit(self._solve, self._number)
+        self._thread.submit(self._solve, self._number, self._mapper.twin())
 
-    def _solve(self, number: int) -> None:
-        """Advance to the end, in the thread. A solver that fails costs its answer, not the node and its map."""
-        started_s, problem = time.monotonic(), ''
+    def _solve(self, number: int, twin: PolygonMapper) -> None:
+        """Solve, in the thread. A solver that fails costs its answer, not the node and its map."""
+        started_s = time.monotonic()
         try:
-            while self._advance(number):
+            twin.begin_solve()
+            while number == self._number and not twin.advance(1):
                 self._running.wait()
+            if number != self._number:
+                return
+            taken_s = time.monotonic() - started_s
+            self._outcome = _Outcome(number, taken_s, '', twin.estimate, self._drawn(twin))
         except Exception as error:
             problem = f'the solver failed: {type(error).__name__}: {error}'
             self._node.get_logger().error(f'{problem}\n{traceback.format_exc()}', throttle_duration_sec=10.0)
-        self._outcome = number, time.monotonic() - started_s, problem
+            self._outcome = _Outcome(number, time.monotonic() - started_s, problem)
         self._ended.trigger()
 
-    def _advance(self, number: int) -> bool:
-        """One step; False at the end, or where the solve was dropped."""
-        with self._step:
-            return number == self._number and not self._mapper.advance(1)
-
     def _end(self) -> None:
-        number, self.solve_s, self.problem = self._outcome
-        if not self._solving or number != self._number:
+        outcome = self._outcome
+        if not self._solving or outcome.number != self._number:
             return
         self._solving = False
-        if not self.problem:
-            self._finished()
+        self.solve_s, self.problem = outcome.taken_s, outcome.problem
+        if not outcome.problem:
+            self._mapper.estimate = outcome.estimate
+            self._finished(outcome.messages)
