@@ -42,7 +42,8 @@ def conclude(
     pings, width = len(snapshot.positions), path_half_width(snapshot)
     answer = Estimate('open', method, snapshot.stamp_ns, cost=cost)
     if pings < MIN_PINGS:
-        return _with(answer, 'too_few_pings', f'{pings} pings could be used; a polygon takes at least {MIN_PINGS}')
+        return _with(answer, 'too_few_pings',
+                     f'pings that could be used: {pings}; a polygon takes at least {MIN_PINGS}')
     candidate = _polygon(snapshot, lines, likelihood)
     if width is not None:
         if candidate:

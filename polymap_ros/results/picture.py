@@ -14,6 +14,10 @@ from polymap_ros.mapping.pose import Pose
 
 _TRUTH = {'color': '#d62728', 'linestyle': (0, (5, 3)), 'linewidth': 1.8}
 _EDGE = {'color': '#2ca02c', 'linewidth': 2.2}
+_CANDIDATES: tuple[dict[str, Any], ...] = (
+    {'color': '#2ca02c', 'linewidth': 2.2}, {'color': '#ff7f0e', 'linewidth': 1.8, 'linestyle': (0, (1, 1))},
+    {'color': '#9467bd', 'linewidth': 1.8, 'linestyle': (0, (4, 1, 1, 1))},
+)
 _PATH = {'color': 'black', 'linewidth': 0.7, 'marker': 'o', 'markersize': 2.4}
 _ARROW = {'arrowstyle': '-|>', 'color': '#1f77b4', 'linewidth': 1.5, 'shrinkA': 0, 'shrinkB': 0}
 _RECTANGLE_M, _RECTANGLE_DEG = 0.05, 14.0
@@ -31,9 +35,9 @@ def require_matplotlib() -> None:
 def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.float64] | None = None) -> bytes:
     """Draw the answer.
 
-    Left, in the odometry's frame: the truth dashed red where it is known, the estimated edges green, the sensor's
-    path and the pings black, and the axes of the start frame. Right, in the start frame: the beamforming map
-    L / max L of eq. (4), with a red rectangle at each retrieved edge.
+    Left, in the odometry's frame: the truth dashed red where it is known, the estimated edges green with their numbers,
+    the sensor's path and the pings black, and the axes of the start frame O. Right, in the start frame: the
+    beamforming map L / max L of eq. (4), with a red rectangle at each retrieved edge.
 
     Parameters
     ----------
@@ -66,7 +70,7 @@ def _title(estimate: Estimate, pings: int) -> str:
         'ambiguous': f'{len(estimate.alternatives)} polygons fit',
         'open': 'no polygon closes',
     }[estimate.status]
-    return f'{answer}, {pings} pings ({estimate.method})'
+    return f'{estimate.status}: {answer} (method {estimate.method}, pings: {pings})'
 
 
 def _draw_room(
@@ -77,22 +81,51 @@ def _draw_room(
         axes.plot(*_ring(truth).T, **_TRUTH, label='truth', zorder=3)
     if estimate.polygon is not None:
         axes.plot(*_ring(estimate.polygon.vertices).T, **_EDGE, label='estimated edges', zorder=2)
-    for candidate in estimate.alternatives:
-        axes.plot(*_ring(candidate.vertices).T, **(_EDGE | {'linewidth': 1.2}), label='candidates', zorder=2)
+    for k, candidate in enumerate(estimate.alternatives):
+        style = _CANDIDATES[k % len(_CANDIDATES)]
+        axes.plot(*_ring(candidate.vertices).T, **style, label=f'candidate {k + 1}', zorder=2)
     axes.plot(*path.T, **_PATH, label='path and pings', zorder=4)
     _fit(axes, [path, *([truth] if truth is not None else []),
                 *(candidate.vertices for candidate in (estimate.polygon, *estimate.alternatives) if candidate)])
     for edge in estimate.walls:
         axes.axline(*_two_points(edge), **_EDGE, label='certain walls', zorder=2)
+    _number_edges(axes, estimate)
     _draw_start(axes, start)
     axes.set_aspect('equal')
     axes.set_xlabel(f'x in {frame_id or "odometry frame"} [m]')
     axes.set_ylabel('y [m]')
     axes.grid(color='0.92', linewidth=0.6)
     axes.set_axisbelow(True)
+    _draw_legend(axes)
+
+
+def _draw_legend(axes: Any) -> None:
+    """Above the axes, each label once."""
     handles = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
-    axes.legend(handles.values(), handles.keys(), loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=3,
-                frameon=False, fontsize='small')
+    axes.legend(handles.values(), handles.keys(), loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=4,
+                columnspacing=1.2, frameon=False, fontsize='small')
+
+
+def _number_edges(axes: Any, estimate: Estimate) -> None:
+    """The numbers that the edges or walls have in the tables, a little inside."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    inside = 0.035 * max(right - left, high - low)
+    middle = np.array([left + right, low + high]) / 2.0
+    edges: tuple[Edge, ...] = estimate.walls
+    places = [middle + (edge.r - _normal(edge) @ middle) * _normal(edge) for edge in edges]
+    if estimate.polygon is not None:
+        corners, edges = estimate.polygon.vertices, estimate.polygon.edges
+        places = list(0.5 * (corners + np.roll(corners, -1, axis=0)))
+    for number, (edge, place) in enumerate(zip(edges, places, strict=True)):
+        axes.text(*(place - inside * _normal(edge)), str(number), color=_EDGE['color'], ha='center', va='center',
+                  clip_on=True, zorder=5, path_effects=_halo())
+
+
+def _halo() -> list[Any]:
+    """A light edge, so that a label can be read on top of anything."""
+    from matplotlib.patheffects import withStroke
+
+    return [withStroke(linewidth=3.0, foreground='white')]
 
 
 def _draw_start(axes: Any, start: Pose) -> None:
@@ -103,9 +136,9 @@ def _draw_start(axes: Any, start: Pose) -> None:
     labels = start.apply(1.35 * np.array([[length, 0.0], [0.0, length]]))
     for tip, place, name in zip(tips, labels, 'xy', strict=True):
         axes.annotate('', xy=tip, xytext=(start.x, start.y), zorder=5, arrowprops=_ARROW)
-        axes.text(*place, name, color='#1f77b4', ha='center', va='center', fontsize='small', zorder=5)
+        axes.text(*place, name, color='#1f77b4', ha='center', va='center', zorder=6, path_effects=_halo())
     corner = start.apply(-0.35 * np.array([length, length]))
-    axes.text(*corner, 'O', color='#1f77b4', ha='center', va='center', fontsize='small', zorder=5)
+    axes.text(*corner, 'O', color='#1f77b4', ha='center', va='center', zorder=6, path_effects=_halo())
 
 
 def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Estimate) -> None:
@@ -123,15 +156,19 @@ def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Esti
         axes.set_ylim(extent[2], min(extent[3], _HEADROOM * max(edge.r for edge in edges)))
     span_deg = min(_RECTANGLE_DEG, 0.1 * (extent[1] - extent[0]))
     span_m = _RECTANGLE_M * (axes.get_ylim()[1] - extent[2])
-    for edge in edges:
+    label = 'estimated edges' if estimate.polygon else 'certain walls'
+    for number, edge in enumerate(edges):
         turns = np.rad2deg(edge.theta) + 360.0 * np.arange(-2, 3)
         for place in turns[(turns >= extent[0]) & (turns <= extent[1])]:
             axes.add_patch(Rectangle((place - span_deg / 2, edge.r - span_m / 2), span_deg, span_m, fill=False,
-                                     edgecolor='red', linewidth=1.6, clip_on=True))
+                                     edgecolor='red', linewidth=1.6, clip_on=True, label=label))
+            axes.text(place, edge.r + 0.6 * span_m, str(number), color='white', ha='center', va='bottom', clip_on=True)
     if extent[1] - extent[0] > 180.0:
         axes.xaxis.set_major_locator(MultipleLocator(45.0))
-    axes.set_xlabel(r'$\theta$ [deg]')
-    axes.set_ylabel('r [m]')
+    if edges:
+        _draw_legend(axes)
+    axes.set_xlabel(r'$\theta$ in the start frame O [deg]')
+    axes.set_ylabel('r from O [m]')
     figure.colorbar(drawn, ax=axes, label=r'$\mathcal{L}_T(r, \theta)\,/\,$max', pad=0.02)
 
 
@@ -139,8 +176,12 @@ def _ring(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.vstack([vertices, vertices[:1]])
 
 
+def _normal(edge: Edge) -> NDArray[np.float64]:
+    return np.array([np.cos(edge.theta), np.sin(edge.theta)])
+
+
 def _two_points(edge: Edge) -> tuple[tuple[float, float], tuple[float, float]]:
-    c, s = np.cos(edge.theta), np.sin(edge.theta)
+    c, s = _normal(edge).tolist()
     return (edge.r * c, edge.r * s), (edge.r * c - s, edge.r * s + c)
 
 

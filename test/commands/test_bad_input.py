@@ -214,7 +214,7 @@ def test_too_few_pings(run, altered, tmp_path):
     counts, found, done = pings(run, tmp_path, path, *FAST, status=1)
     assert counts['used'] == 2
     assert (found['status'], [each['code'] for each in found['warnings']]) == ('open', ['too_few_pings'])
-    assert 'no polygon closes: 2 pings could be used' in done.complaint
+    assert 'no polygon closes: pings that could be used: 2; ' in done.complaint
 
 
 @pytest.mark.parametrize('method', ['evidence', 'paper', 'rectangle'])

@@ -64,6 +64,12 @@ def test_other_answers(mapper, estimate):
     assert (count(beam_map, FRAME_RED) > 0) == bool(estimate.walls)
 
 
+def test_candidates_can_be_told_apart(mapper):
+    candidates = [Candidate(TRUTH + shift, (Edge(1.0, 0.0, 1.0),) * 4) for shift in (0.0, 0.3)]
+    room, _ = halves(picture.picture_png(mapper, Estimate('ambiguous', 'paper', alternatives=tuple(candidates))))
+    assert min(count(room, GREEN), count(room, (255, 127, 14))) > 200
+
+
 def test_a_mapper_that_has_heard_nothing():
     silent = PolygonMapper(Parameters().replaced({'grid.angle_step_deg': 10.0}))
     silent.solve()
