@@ -7,14 +7,13 @@ tested against it. A group is a frozen dataclass; `Parameters` is the tree of gr
 import dataclasses
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar, TypeAlias, get_type_hints
+from typing import Any, get_type_hints
 
 from polymap_ros.errors import ParameterError
-
-Value: TypeAlias = bool | int | float | str
+from polymap_ros.specification import Group, Specification, Value, parameter, specifications_of
 
 NODE_NAME = 'polymap_node'
 
@@ -27,100 +26,6 @@ _WITH_PERIOD = A_SCAN_TYPES[:2]
 
 SAMPLE_DTYPES = ('uint8', 'int8', 'uint16', 'int16', 'uint32', 'int32', 'uint64', 'int64', 'float32', 'float64')
 """Numbers that an array of bytes may stand for, as marine_acoustic_msgs/msg/SonarImageData counts them."""
-
-
-def parameter(
-    default: Value,
-    text: str,
-    *,
-    unit: str = '',
-    minimum: float | None = None,
-    maximum: float | None = None,
-    above: float | None = None,
-    choices: tuple[str, ...] = (),
-    live: bool = False,
-) -> Any:
-    """Describe one parameter; `above` is an open lower bound, `live` allows a change while the node runs."""
-    return field(
-        default=default,
-        metadata={
-            'default': default, 'text': text, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'above': above,
-            'choices': choices, 'live': live,
-        },
-    )
-
-
-@dataclass(frozen=True)
-class Specification:
-    """What is known of one parameter, for descriptors and tables."""
-
-    name: str
-    type: type
-    default: Value
-    text: str
-    unit: str
-    minimum: float | None
-    maximum: float | None
-    above: float | None
-    choices: tuple[str, ...]
-    live: bool
-
-    def check(self, value: object) -> Value:
-        """Return `value` in the parameter's type, or raise `ParameterError` with what is allowed."""
-        if self.type is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
-        if not isinstance(value, (bool, int, float, str)) or type(value) is not self.type:
-            raise ParameterError(
-                self.name, f'{value!r} is of type {type(value).__name__}; allowed: {self.allowed()}'
-            )
-        if self.choices and value not in self.choices:
-            raise ParameterError(self.name, f'{value!r} is not known; allowed: {self.allowed()}')
-        if isinstance(value, (int, float)) and not isinstance(value, bool) and not self._within(value):
-            raise ParameterError(self.name, f'{value!r} is out of range; allowed: {self.allowed()}')
-        return value
-
-    def _within(self, value: float) -> bool:
-        return (
-            math.isfinite(value)
-            and (self.minimum is None or value >= self.minimum)
-            and (self.above is None or value > self.above)
-            and (self.maximum is None or value <= self.maximum)
-        )
-
-    def allowed(self) -> str:
-        """Say in words what the parameter takes, such as ``double in (0, 100] m``."""
-        if self.choices:
-            return ' | '.join(self.choices)
-        kind = {float: 'double', int: 'integer', bool: 'bool', str: 'string'}[self.type]
-        low, high = self.above if self.above is not None else self.minimum, self.maximum
-        if low is None and high is None:
-            return f'{kind} {self.unit}'.strip()
-        left = '(-inf' if low is None else f'{"(" if self.above is not None else "["}{low:g}'
-        right = 'inf)' if high is None else f'{high:g}]'
-        return f'{kind} in {left}, {right} {self.unit}'.strip()
-
-
-def _specifications(group: type['Group'], prefix: str) -> Iterator[Specification]:
-    for entry in dataclasses.fields(group):
-        if 'text' in entry.metadata:
-            kind = type(entry.metadata['default'])
-            yield Specification(name=prefix + entry.name, type=kind, **entry.metadata)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Base of the parameter groups: checks every value against its specification when constructed."""
-
-    PREFIX: ClassVar[str] = ''
-
-    def __post_init__(self) -> None:
-        for spec in _specifications(type(self), self.PREFIX):
-            name = spec.name.removeprefix(self.PREFIX)
-            object.__setattr__(self, name, spec.check(getattr(self, name)))
-        self.check()
-
-    def check(self) -> None:
-        """Check what involves several values of the group; raises `ParameterError`."""
 
 
 @dataclass(frozen=True)
@@ -216,11 +121,41 @@ class EchoParameters(Group):
                                  f'{", ".join(A_SCAN_TYPES)}, so the array that holds its samples is to be named')
 
     def _check_fields_are_not_given(self) -> None:
-        for spec in _specifications(type(self), self.PREFIX):
+        for spec in specifications_of(type(self), self.PREFIX):
             value = getattr(self, spec.name.removeprefix(self.PREFIX))
             if spec.name.endswith(('_field', '_dtype')) and value != spec.default:
                 raise ParameterError(spec.name, f'{value!r} is for a type of your own, echo.type is {self.type}; '
                                      f'allowed: {spec.default!r}')
+
+
+@dataclass(frozen=True)
+class FrontEndParameters(Group):
+    """What is done to the samples before eq. (3)."""
+
+    PREFIX = 'front_end.'
+    max_bad: float = parameter(
+        1.0, 'a ping of which a larger share of samples beyond the blanking is clipped or dropped out is dropped as '
+        'bad_samples; 1: none', minimum=0.0, maximum=1.0)
+    common_pings: int = parameter(
+        0, 'pings at different places that what all pings have in common (direct wave, body, ceiling) is found from '
+        'and taken out; pings wait until so many are there; 0: off', minimum=0, maximum=1024)
+    remove_dc: bool = parameter(False, 'take the mean out of every ping')
+    band_low_hz: float = parameter(0.0, 'frequencies below this are taken out; 0: none', unit='Hz', minimum=0.0)
+    band_high_hz: float = parameter(0.0, 'frequencies above this are taken out; 0: none', unit='Hz', minimum=0.0)
+    mute_blanking: bool = parameter(False, 'silence the samples before an echo from the end of the blanking begins')
+    gain_db_s: float = parameter(0.0, 'gain that grows with the time after emission, to undo what the device does',
+                                 unit='dB/s')
+    filter: str = parameter('matched', 'eq. (3), or deconvolution by the expected echo, which is sharper and noisier',
+                            choices=('matched', 'wiener'))
+    wiener_noise: float = parameter(0.1, "noise over the expected echo's strongest power, frequency by frequency "
+                                    '(wiener)', above=0.0)
+    flat_spreading: bool = parameter(False, 'make up for spreading in the beamforming map, which then shows far walls '
+                                     'as bright as near ones, and far noise, too')
+
+    def check(self) -> None:
+        if self.band_high_hz and self.band_low_hz >= self.band_high_hz:
+            raise ParameterError('front_end.band_low_hz', f'{self.band_low_hz!r} is not below front_end.band_high_hz '
+                                 f'({self.band_high_hz!r})')
 
 
 @dataclass(frozen=True)
@@ -250,6 +185,14 @@ class OdometryParameters(Group):
                                  unit='s', above=0.0)
     buffer_s: float = parameter(60.0, 'poses kept for pings that come late', unit='s', above=0.0)
     queue_size: int = parameter(200, 'pings that may wait for their odometry', minimum=1)
+    plane: str = parameter(
+        'xy', "plane that is mapped: the odometry's xy plane, or that of the robot's x and y axes at the first pose, "
+        'such as a plate that stands upright', choices=('xy', 'first_pose'))
+    max_tilt_deg: float = parameter(10.0, 'a ping of a robot tilted more than this off the plane is dropped as '
+                                    'off_plane; at 10 deg walls seem 1.5 % farther', unit='deg', minimum=0.0,
+                                    maximum=180.0)
+    max_height_m: float = parameter(0.1, 'so is one of a robot lifted or lowered more than this from where it was on '
+                                    'the plane at the first pose', unit='m', minimum=0.0)
     on_jump_back: str = parameter(
         'reset', 'when /clock goes back, or odometry by more than max_gap_s (bag loop): forget the map, or ignore '
         'what is older than the newest odometry (node)', choices=('reset', 'ignore'), live=True)
@@ -343,6 +286,7 @@ class Parameters:
     medium: MediumParameters = field(default_factory=MediumParameters)
     pulse: PulseParameters = field(default_factory=PulseParameters)
     echo: EchoParameters = field(default_factory=EchoParameters)
+    front_end: FrontEndParameters = field(default_factory=FrontEndParameters)
     sensor: SensorParameters = field(default_factory=SensorParameters)
     odometry: OdometryParameters = field(default_factory=OdometryParameters)
     grid: GridParameters = field(default_factory=GridParameters)
@@ -388,7 +332,7 @@ def specifications() -> list[Specification]:
 
 
 _GROUPS = {name: kind for name, kind in get_type_hints(Parameters).items() if issubclass(kind, Group)}
-_BY_NAME = {spec.name: spec for name, group in _GROUPS.items() for spec in _specifications(group, f'{name}.')}
+_BY_NAME = {spec.name: spec for name, group in _GROUPS.items() for spec in specifications_of(group, f'{name}.')}
 
 
 def _suggestion(name: str) -> str:

@@ -13,7 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from polymap_ros.errors import ParameterError
-from polymap_ros.parameters import Parameters, Specification, Value, specifications
+from polymap_ros.parameters import Parameters, specifications
+from polymap_ros.specification import Specification, Value
 
 SPECIFICATIONS = {spec.name: spec for spec in specifications()}
 GROUPS = {name.partition('.')[0] for name in SPECIFICATIONS}

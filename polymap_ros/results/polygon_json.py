@@ -9,8 +9,9 @@ from typing import Any
 from polymap_ros import __version__
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.ping_queue import PingCounts
-from polymap_ros.parameters import Parameters, Value
+from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
+from polymap_ros.specification import Value
 
 FORMAT = 'polymap/1'
 _FILE_PARAMETERS = ('pulse.path', 'output.dir', 'output.load_path')

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.parameters import Group, parameter
+from polymap_ros.specification import Group, parameter
 
 if TYPE_CHECKING:
     from polymap_ros.simulation.scenes import Scene
