@@ -2,10 +2,12 @@
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import NoReturn
 
 from polymap_ros import __version__
@@ -13,7 +15,7 @@ from polymap_ros.errors import PolymapError
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import Parameters
 
-DONE, NO_POLYGON, WRONG, INTERRUPTED = 0, 1, 2, 130
+DONE, NO_POLYGON, WRONG, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
 class Parser(argparse.ArgumentParser):
@@ -71,15 +73,26 @@ def attempt(program: str, job: Callable[[], int]) -> int:
 
 
 def execute(program: str, job: Callable[[], int]) -> int:
-    """Run a command's job as `attempt` does; Ctrl-C becomes status 130."""
+    """Run a command's job as `attempt` does; Ctrl-C becomes status 130, SIGTERM 143, and nothing is left half done."""
     # A stream that the caller closed is None.
     sys.stdout, sys.stderr = (stream or Path(os.devnull).open('w', encoding='utf-8')  # noqa: SIM115
                               for stream in (sys.stdout, sys.stderr))
+    before = signal.signal(signal.SIGTERM, _terminate)
     try:
         return attempt(program, job)
-    except KeyboardInterrupt:
-        complain(program, 'interrupted')
-        return INTERRUPTED
+    except KeyboardInterrupt as stop:
+        complain(program, str(stop) or 'interrupted')
+        return TERMINATED if isinstance(stop, _Terminated) else INTERRUPTED
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+class _Terminated(KeyboardInterrupt):
+    """SIGTERM, which ends a command as Ctrl-C does."""
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    raise _Terminated('terminated')
 
 
 @contextmanager

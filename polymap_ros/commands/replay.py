@@ -30,7 +30,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = console.Parser(
         PROGRAM, 'Map the polygon in one or more recordings, as fast as the machine goes. No ROS is needed.',
         'Exit status: 0 done; 1 no polygon closes, the reason is on stderr; 2 wrong usage, recording or parameter; '
-        '130 interrupted.')
+        '130 interrupted, 143 terminated.')
     parser.add_argument('recordings', nargs='+', type=Path, metavar='RECORDING',
                         help='rosbag2 directory, or a bare .mcap or .db3 file; each is a map of its own')
     console.add_parameter_arguments(parser)
@@ -104,6 +104,9 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
                 advance(1)
         estimate = _solve(mapper, parameters, path.name)
         cautions = replay.cautions()
+        frame = mapper.frame_id
+        if mapper.plane and not mapper.plane.is_xy:
+            frame, truth = f'the plane of the first pose in {frame}', None  # the truth is in the odometry's x and y
         with result_folder(folder) as stage:
             write_results(stage, mapper, estimate, parameters, cautions=cautions, truth=truth,
                           plot=arguments.plot, save_map=arguments.save_map, exports=arguments.exports)
@@ -111,7 +114,7 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
                 write_outcome(stage / RECORD, recording, replay.odom_topic, mapper, parameters, *interval_s)
     closed = estimate.polygon if estimate.status == 'closed' else None
     comparison = compare(closed.vertices, truth) if closed and truth is not None else None
-    console.tell(f'{path}: {summary(estimate, mapper.frame_id, mapper.counts, cautions, comparison)}')
+    console.tell(f'{path}: {summary(estimate, frame, mapper.counts, cautions, comparison)}')
     console.tell(f'odometry: {replay.odometry.received} received, {replay.odometry.used} used')
     if missing := [name for kind in arguments.exports if not (folder / (name := f'polygon.{kind}')).exists()]:
         console.tell(f'no {", ".join(missing)}: there is no polygon to export')

@@ -54,7 +54,8 @@ def _csv(polygon: Candidate | None, walls: tuple[Edge, ...]) -> bytes:
     writer = csv.writer(text, lineterminator='\n')
     writer.writerow(_COLUMNS)
     edges = polygon.edges if polygon else walls
-    ends = list(_ends(polygon)) if polygon else [[None] * 8] * len(walls)
+    unknown: list[float | None] = [None] * 8
+    ends = list(_ends(polygon)) if polygon else [unknown] * len(walls)
     for i, (edge, cells) in enumerate(zip(edges, ends, strict=True)):
         line = [edge.r, edge.r_std, np.rad2deg(edge.theta),
                 None if edge.theta_std is None else np.rad2deg(edge.theta_std), edge.likelihood]

@@ -1,6 +1,7 @@
 """polymap_replay as a user runs it: files, summary, options, exit status."""
 
 import json
+import os
 import shutil
 import signal
 import time
@@ -191,20 +192,37 @@ def test_without_truth_nothing_is_compared(call, triangle, tmp_path):
     assert done.status == 0
 
 
+@pytest.mark.parametrize(('number', 'status', 'word'), [
+    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
 @pytest.mark.parametrize('moment', ['reading', 'solving'])
-def test_ctrl_c_ends_with_130_and_writes_nothing(start, triangle, tmp_path, moment):
+def test_a_signal_ends_it_and_nothing_is_written(start, triangle, tmp_path, moment, number, status, word):
     process = start('replay', triangle, '--output', 'out', '-p', 'solver.method:=paper',
                     '-p', 'solver.iterations:=100000000')
     seen, deadline = b'', time.monotonic() + 120.0
     while f'triangle: {moment}'.encode() not in seen and time.monotonic() < deadline:
         seen += process.stderr.read1(4096)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(number)
     out, err = process.communicate(timeout=60)
-    assert process.returncode == 130, seen + err
+    assert process.returncode == status, seen + err
     assert b'Traceback' not in seen + err
-    assert err.decode().splitlines()[-1] == 'polymap_replay: interrupted'
+    assert err.decode().splitlines()[-1] == f'polymap_replay: {word}'
     assert out == b''
     assert list(tmp_path.iterdir()) == []
+
+
+def test_sigterm_while_the_results_are_written_leaves_nothing(call, triangle, tmp_path, monkeypatch):
+    """The signal comes when the folder beside the results holds some of them, but not all."""
+    def signalled(*arguments):
+        assert any(path.name.startswith('.out-') for path in tmp_path.iterdir())
+        os.kill(os.getpid(), signal.SIGTERM)
+        return b''
+
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr('polymap_ros.results.save.state_npz', signalled)
+    done = call('replay', triangle, '--output', 'out', *FAST)
+    assert (done.status, done.complaint) == (143, 'polymap_replay: terminated')
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_help_names_every_option(run):
