@@ -138,7 +138,7 @@ class FrontEndParameters(Group):
         'bad_samples; 1: none', minimum=0.0, maximum=1.0)
     common_pings: int = parameter(
         0, 'pings at different places that what all pings have in common (direct wave, body, ceiling) is found from '
-        'and taken out; pings wait until so many are there; 0: off', minimum=0, maximum=1024)
+        'and taken out; pings wait until so many are there; 0: off', minimum=0, maximum=256)
     remove_dc: bool = parameter(False, 'take the mean out of every ping')
     band_low_hz: float = parameter(0.0, 'frequencies below this are taken out; 0: none', unit='Hz', minimum=0.0)
     band_high_hz: float = parameter(0.0, 'frequencies above this are taken out; 0: none', unit='Hz', minimum=0.0)
@@ -153,6 +153,9 @@ class FrontEndParameters(Group):
                                      'as bright as near ones, and far noise, too')
 
     def check(self) -> None:
+        if 0 < self.common_pings < 8:
+            raise ParameterError('front_end.common_pings', f'{self.common_pings!r} pings cannot tell; allowed: 0, or '
+                                 'at least 8')
         if self.band_high_hz and self.band_low_hz >= self.band_high_hz:
             raise ParameterError('front_end.band_low_hz', f'{self.band_low_hz!r} is not below front_end.band_high_hz '
                                  f'({self.band_high_hz!r})')

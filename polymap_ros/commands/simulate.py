@@ -77,12 +77,13 @@ def recorded_path(path: Path, topic: str) -> 'NDArray[np.float64]':
     """Poses (N, 3) of an odometry topic of a recording."""
     import numpy as np
 
+    from polymap_ros.mapping.plane import XY
     from polymap_ros.messages.odometry import stamped_pose
     from polymap_ros.recordings.reading import Recording
 
     with Recording.open(path) as recording:
         name = recording.require(topic, 'nav_msgs/msg/Odometry', 'topics.odom')
-        poses = [stamped_pose(entry.message)[2] for entry in recording.messages([name])]
+        poses = [XY.place(stamped_pose(entry.message)[2]).pose for entry in recording.messages([name])]
     return np.array([(pose.x, pose.y, pose.yaw) for pose in poses])
 
 

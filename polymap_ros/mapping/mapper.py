@@ -1,7 +1,7 @@
 """From echoes and odometry to the polygon: the one way through."""
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadPing, StateError
 from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.mapping.common_removal import CommonRemoval
 from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.free_area import FreeArea
 from polymap_ros.mapping.listening import Later, Listener, at_once
 from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
+from polymap_ros.mapping.plane import XY, Placed, Plane, SpatialPose
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
 from polymap_ros.mapping.solver import Evidence
@@ -31,7 +33,8 @@ class PolygonMapper:
     """Takes poses and pings as they come and answers with the polygon around the sensor.
 
     Lines, map and free area are kept in the start frame: its origin is the sensor's position at the first used ping,
-    its x axis the robot's heading there. Estimates are in the odometry's frame.
+    its x axis the robot's heading there. Estimates are in the odometry's frame, or where the mapping plane is not its
+    xy plane, in the coordinates of `plane`.
 
     Parameters
     ----------
@@ -51,8 +54,10 @@ class PolygonMapper:
         A_T.
     soundings : list of Sounding
         The pings used, in order of emission as far as they came in time.
+    plane : Plane or None
+        The mapping plane, in which all of this is; None until there was a pose.
     start_pose : Pose or None
-        The start frame in the odometry's frame; None until a ping was used.
+        The start frame in the mapping plane; None until a ping was used.
     frame_id : str
         The odometry's frame; empty until there was a pose.
     estimate : Estimate or None
@@ -63,6 +68,7 @@ class PolygonMapper:
         self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once
     ) -> None:
         self.parameters = parameters
+        self._quarter_m2 = (0.5 * parameters.sensor.baseline_m) ** 2
         self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
         self.reset()
 
@@ -70,10 +76,13 @@ class PolygonMapper:
         """Forget everything; the mapper is as new."""
         self._track = PoseTrack(self.parameters.odometry)
         self._queue = PingQueue(self._track, self.parameters.odometry.queue_size)
+        self._common = CommonRemoval(
+            self.parameters.front_end.common_pings, self._listener.pulse_s, self._listener.pulse_m)
         self.beam_map = BeamformingMap(self.parameters.grid)
         self.free_area = FreeArea()
         self.soundings: list[Sounding] = []
         self._thinning = Thinning()
+        self.plane: Plane | None = None
         self.start_pose: Pose | None = None
         self.frame_id = ''
         self.estimate: Estimate | None = None
@@ -88,7 +97,7 @@ class PolygonMapper:
         """
         twin = copy.copy(self)
         twin._track = self._track.copy()
-        twin._queue = self._queue.copy(twin._track)
+        twin._queue, twin._common = self._queue.copy(twin._track), self._common.copy()
         twin.beam_map, twin.free_area = self.beam_map.copy(), self.free_area.copy()
         twin.soundings, twin._thinning = list(self.soundings), self._thinning.copy()
         return twin
@@ -109,14 +118,32 @@ class PolygonMapper:
         """Last sentence of each drop reason."""
         return self._queue.last_texts
 
-    def add_pose(self, stamp_ns: int, pose: Pose, frame_id: str = 'odom') -> bool:
-        """Add the pose of the robot's base [ns]; pings that waited for it are used.
+    @property
+    def newest_pose_ns(self) -> int | None:
+        """Stamp of the newest pose [ns] that is believed; None while there is none."""
+        return self._track.newest_ns
+
+    @property
+    def outliers(self) -> int:
+        """Poses that were taken, and turned out to be stamped far ahead of their time."""
+        return self._track.outliers
+
+    def add_pose(self, stamp_ns: int, pose: Pose | SpatialPose, frame_id: str = 'odom') -> bool:
+        """Add the pose of the robot's base [ns], in the mapping plane or in space; pings that waited for it are used.
 
         False, and not taken, if the stamp is not after the newest one, or the frame is not that of the first pose.
         """
-        if self.frame_id not in ('', frame_id) or not self._track.add(stamp_ns, pose):
+        if self.frame_id not in ('', frame_id):
             return False
-        self.frame_id = frame_id
+        plane = self.plane
+        if isinstance(pose, SpatialPose):
+            plane = plane or Plane.of(self.parameters.odometry.plane, pose)
+            placed = plane.place(pose)
+        else:
+            placed = Placed(pose)
+        if not self._track.add(stamp_ns, placed):
+            return False
+        self.frame_id, self.plane = frame_id, plane or XY
         self.go_on()
         return True
 
@@ -136,19 +163,27 @@ class PolygonMapper:
 
     def finish(self) -> None:
         """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
+        self._track.finish()
+        self.go_on()
         self._queue.finish()
+        self._use(self._common.finish())
 
     def go_on(self) -> None:
         """Use the pings that have waited long enough: for their odometry, or for what was to be done `later`."""
         for ping, base in self._queue.placed(self._listener.ready):
             sensor = base.compose(Pose(self.parameters.sensor.x_m, self.parameters.sensor.y_m))
             self.start_pose = self.start_pose or sensor
-            place = self.start_pose.inverse().compose(sensor)
+            self._use(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
+
+    def _use(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
+        """Pings with the sensor's place in the start frame."""
+        for ping, place in placed:
             echo, envelope, rho, noise = self._listener.hear(ping)  # eq. (3)
             self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise))
             self._thinning.add(self.soundings)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
-            self.free_area.add(place.x, place.y, rho)  # A_T
+            # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
+            self.free_area.add(place.x, place.y, float(np.sqrt(np.maximum(rho**2 - self._quarter_m2, 0.0))))
 
     def solve(self) -> Estimate:
         """Solve from what has been heard so far; the answer is in the odometry's frame."""
@@ -182,9 +217,9 @@ class PolygonMapper:
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
         return packed(self.parameters, {
-            'frame': packed_frame(self.frame_id, self.start_pose),
+            'frame': packed_frame(self.frame_id, self.start_pose, self.plane),
             'soundings': packed_soundings(self.soundings),
-            'track': self._track.state(), 'queue': self._queue.state(),
+            'track': self._track.state(), 'queue': self._queue.state(), 'common': self._common.state(),
             'beam_map': self.beam_map.state(), 'free_area': self.free_area.state(),
         })
 
@@ -203,10 +238,10 @@ class PolygonMapper:
         mapper = cls(parameters, recorded_pulse, later)
         try:
             parts = unpacked(parameters, state)
-            mapper.frame_id, mapper.start_pose = unpacked_frame(parts['frame'])
+            mapper.frame_id, mapper.start_pose, mapper.plane = unpacked_frame(parts['frame'])
             mapper.soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
             mapper._thinning = Thinning.of(mapper.soundings)
-            for name, part in (('track', mapper._track), ('queue', mapper._queue),
+            for name, part in (('track', mapper._track), ('queue', mapper._queue), ('common', mapper._common),
                                ('beam_map', mapper.beam_map), ('free_area', mapper.free_area)):
                 part.restore(parts[name])
         except KeyError as error:

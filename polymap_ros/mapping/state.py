@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
+from polymap_ros.mapping.plane import Plane, SpatialPose
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 
-VERSION = 1
+VERSION = 2
 
-MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'echo.kind', 'echo.t0_s', 'echo.blanking_m')
+MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'echo.kind', 'echo.t0_s', 'echo.blanking_m',
+             'odometry.plane')
 """Parameters that what is kept depends on; the path of a pulse's file says nothing about its content."""
 
 Part = dict[str, NDArray[np.generic]]
@@ -45,18 +47,29 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
     return parts
 
 
-def packed_frame(frame_id: str, start: Pose | None) -> Part:
-    """The odometry's frame and the start frame in it."""
-    rows = [(start.x, start.y, start.yaw)] if start else []
-    return {'id': np.array(frame_id), 'start': np.array(rows, dtype=float).reshape(-1, 3)}
+def packed_frame(frame_id: str, start: Pose | None, plane: Plane | None) -> Part:
+    """The odometry's frame, the mapping plane in it, and the start frame in that."""
+    starts = [(start.x, start.y, start.yaw)] if start else []
+    planes = [(*plane.frame.position, *plane.frame.orientation, plane.level_m)] if plane else []
+    return {'id': np.array(frame_id), 'start': np.array(starts, dtype=float).reshape(-1, 3),
+            'plane': np.array(planes, dtype=float).reshape(-1, 8)}
 
 
-def unpacked_frame(part: Part) -> tuple[str, Pose | None]:
+def unpacked_frame(part: Part) -> tuple[str, Pose | None, Plane | None]:
     """Undo `packed_frame`."""
-    rows = np.asarray(part['start'], float)
-    if rows.shape not in ((0, 3), (1, 3)) or not np.all(np.isfinite(rows)):
+    starts, planes = np.asarray(part['start'], float), np.asarray(part['plane'], float)
+    if starts.shape not in ((0, 3), (1, 3)) or not np.all(np.isfinite(starts)):
         raise StateError('the start frame is not a pose')
-    return str(part['id']), Pose(*rows[0].tolist()) if len(rows) else None
+    if planes.shape not in ((0, 8), (1, 8)) or not np.all(np.isfinite(planes)):
+        raise StateError('the mapping plane is not a pose and a height')
+    start, plane = (Pose(*row) for row in starts.tolist()), (_plane(*row) for row in planes.tolist())
+    return str(part['id']), next(start, None), next(plane, None)
+
+
+def _plane(x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float, level_m: float) -> Plane:
+    if not np.hypot(np.hypot(qx, qy), np.hypot(qz, qw)) > 0.0:
+        raise StateError('the mapping plane has no orientation')
+    return Plane(SpatialPose((x, y, z), (qx, qy, qz, qw)), level_m)
 
 
 def _mattering(parameters: Parameters) -> dict[str, str]:

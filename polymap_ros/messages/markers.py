@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from polymap_ros.mapping.estimate import Edge, Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.plane import XY, Plane
 from polymap_ros.mapping.pose import Pose
-from polymap_ros.messages.outputs import Make, header, pose_message
+from polymap_ros.messages.outputs import Make, header, point_messages, pose_message
 
 ADD, DELETE_ALL = 0, 3
 LINE_STRIP, LINE_LIST, TEXT = 4, 5, 9
@@ -29,7 +30,7 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Drawing:
-    """What the markers show, all in `frame_id`.
+    """What the markers show, all in coordinates of the mapping plane.
 
     Parameters
     ----------
@@ -41,12 +42,15 @@ class Drawing:
         Closed rings bounding the free area A_T [m].
     path : ndarray, shape (n, 2)
         Positions of the sensor [m].
+    plane : Plane
+        The mapping plane in `frame_id`.
     """
 
     frame_id: str
     estimate: Estimate | None
     free_area: Sequence[Points]
     path: Points
+    plane: Plane = XY
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -68,13 +72,14 @@ class Drawing:
 
 
 def drawing_of(mapper: PolygonMapper) -> Drawing:
-    """What a mapper has to show now, moved from its start frame to the odometry's."""
+    """What a mapper has to show now, moved from its start frame to the mapping plane's."""
     start = mapper.start_pose or Pose(0.0, 0.0)
     stride = max(1, -(-len(mapper.soundings) // MAX_PATH_POINTS))
     path = np.array([[each.x, each.y] for each in mapper.soundings[::stride]]).reshape(-1, 2)
     boundary = mapper.free_area.shape.boundary.simplify(0.5 * mapper.parameters.grid.range_step_m)
     rings = [np.asarray(ring.coords) for ring in getattr(boundary, 'geoms', [boundary]) if not ring.is_empty]
-    return Drawing(mapper.frame_id, mapper.estimate, [start.apply(ring) for ring in rings], start.apply(path))
+    return Drawing(mapper.frame_id, mapper.estimate, [start.apply(ring) for ring in rings], start.apply(path),
+                   mapper.plane or XY)
 
 
 def delete_all_message(make: Make, frame_id: str) -> Any:
@@ -97,12 +102,13 @@ def marker_array_message(make: Make, drawing: Drawing) -> Any:
     ]
     markers = [_marker(make, drawing.frame_id, '', 0, action=DELETE_ALL)]
     markers += [
-        _marker(make, drawing.frame_id, name, kind, points=points, color=color, width=share * size)
+        _marker(make, drawing.frame_id, name, kind, points=point_messages(make, points, drawing.plane), color=color,
+                width=share * size)
         for name, kind, points, color, share in shapes if len(points) > 1
     ]
     markers.append(_marker(
         make, drawing.frame_id, 'text', TEXT, color=OUTLINE, width=0.03 * size, text=summary(drawing.estimate),
-        pose=Pose(float(low[0] + high[0]) / 2, float(high[1]) + 0.08 * size),
+        pose=pose_message(make, Pose(float(low[0] + high[0]) / 2, float(high[1]) + 0.08 * size), drawing.plane),
     ))
     return make('visualization_msgs/msg/MarkerArray', markers=markers)
 
@@ -112,7 +118,7 @@ def summary(estimate: Estimate | None) -> str:
     if estimate is None:
         return 'waiting for echoes'
     parts = [f'{len(estimate.polygon.edges)} edges'] if estimate.polygon is not None else []
-    parts += [f'{len(estimate.walls)} certain walls'] if estimate.walls else []
+    parts += [f'certain walls: {len(estimate.walls)}'] if estimate.walls else []
     parts += [f'{len(estimate.alternatives)} polygons fit'] if estimate.alternatives else []
     parts += [f'cost {estimate.cost:.4g}'] if estimate.cost is not None else []
     parts += [f'IoU with free area {estimate.iou_free_area:.3f}'] if estimate.iou_free_area is not None else []
@@ -135,17 +141,16 @@ def _lines(edges: Sequence[Edge], centre: Points, length: float) -> Points:
 
 
 def _marker(
-    make: Make, frame_id: str, namespace: str, kind: int, *, action: int = ADD, points: Points | None = None,
-    color: Color = (0.0, 0.0, 0.0, 0.0), width: float = 0.0, text: str = '', pose: Pose | None = None,
+    make: Make, frame_id: str, namespace: str, kind: int, *, action: int = ADD, points: Sequence[Any] = (),
+    color: Color = (0.0, 0.0, 0.0, 0.0), width: float = 0.0, text: str = '', pose: Any = None,
 ) -> Any:
     scale = {'x': 0.0, 'y': 0.0, 'z': width} if kind == TEXT else {'x': width, 'y': 0.0, 'z': 0.0}
-    corners = np.empty((0, 2)) if points is None else points
     return make(
         'visualization_msgs/msg/Marker', header=header(make, 0, frame_id), ns=namespace, id=0, type=kind, action=action,
-        pose=pose_message(make, pose or Pose(0.0, 0.0)), scale=make('geometry_msgs/msg/Vector3', **scale),
+        pose=pose or pose_message(make, Pose(0.0, 0.0)), scale=make('geometry_msgs/msg/Vector3', **scale),
         color=make('std_msgs/msg/ColorRGBA', **dict(zip('rgba', color, strict=True))),
         lifetime=make('builtin_interfaces/msg/Duration', sec=0, nanosec=0), frame_locked=False,
-        points=[make('geometry_msgs/msg/Point', x=float(x), y=float(y), z=0.0) for x, y in corners], colors=[],
+        points=list(points), colors=[],
         texture_resource='', uv_coordinates=[], text=text, mesh_resource='', mesh_use_embedded_materials=False,
         texture=make('sensor_msgs/msg/CompressedImage', header=header(make, 0, ''), format='',
                      data=np.empty(0, np.uint8)),

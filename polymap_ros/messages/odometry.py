@@ -1,17 +1,17 @@
-"""From nav_msgs/msg/Odometry to a pose in the plane."""
+"""From nav_msgs/msg/Odometry to a pose in space."""
 
 import math
 from typing import Any
 
 from polymap_ros.errors import BadOdometry
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.plane import SpatialPose
 from polymap_ros.messages.echoes import stamp_to_ns
 
 NORM_TOLERANCE = 0.1
 """A quaternion whose norm is further from 1 was never filled in, or is something else."""
 
 
-def stamped_pose(message: Any) -> tuple[int, str, Pose]:
+def stamped_pose(message: Any) -> tuple[int, str, SpatialPose]:
     """Read an odometry message, of rclpy or of rosbags.
 
     Returns
@@ -20,8 +20,8 @@ def stamped_pose(message: Any) -> tuple[int, str, Pose]:
         Time of the pose [ns].
     frame_id : str
         Frame the pose is given in.
-    pose : Pose
-        Position in the xy plane [m] and heading, the rotation about z [rad].
+    pose : SpatialPose
+        Of the robot's base.
 
     Raises
     ------
@@ -35,5 +35,5 @@ def stamped_pose(message: Any) -> tuple[int, str, Pose]:
     norm = math.hypot(x, y, z, w)
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise BadOdometry(f'odometry with an orientation of norm {norm:g}; a rotation has 1')
-    yaw = math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
-    return stamp_to_ns(message.header.stamp), message.header.frame_id, Pose(float(position.x), float(position.y), yaw)
+    place = float(position.x), float(position.y), float(position.z)
+    return stamp_to_ns(message.header.stamp), message.header.frame_id, SpatialPose(place, (x, y, z, w))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.mapping.plane import XY, Plane
 from polymap_ros.mapping.pose import Pose
 
 
@@ -31,14 +32,21 @@ def header(make: Make, stamp_ns: int, frame_id: str) -> Any:
     return make('std_msgs/msg/Header', stamp=time_message(make, stamp_ns), frame_id=frame_id)
 
 
-def pose_message(make: Make, pose: Pose) -> Any:
-    """geometry_msgs/msg/Pose of a pose in the plane."""
+def pose_message(make: Make, pose: Pose, plane: Plane = XY) -> Any:
+    """geometry_msgs/msg/Pose, in the odometry's frame, of a pose in the mapping plane."""
+    spatial = plane.spatial(pose)
     return make(
         'geometry_msgs/msg/Pose',
-        position=make('geometry_msgs/msg/Point', x=float(pose.x), y=float(pose.y), z=0.0),
-        orientation=make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=float(np.sin(pose.yaw / 2)),
-                         w=float(np.cos(pose.yaw / 2))),
+        position=make('geometry_msgs/msg/Point', **dict(zip('xyz', spatial.position, strict=True))),
+        orientation=make('geometry_msgs/msg/Quaternion', **dict(zip('xyzw', spatial.orientation, strict=True))),
     )
+
+
+def point_messages(
+    make: Make, coordinates: ArrayLike, plane: Plane = XY, type_name: str = 'geometry_msgs/msg/Point'
+) -> list[Any]:
+    """Points, in the odometry's frame, of coordinates (n, 2) in the mapping plane [m]."""
+    return [make(type_name, x=x, y=y, z=z) for x, y, z in plane.points(np.asarray(coordinates)).tolist()]
 
 
 def odometry_message(make: Make, stamp_ns: int, frame_id: str, pose: Pose, child_frame_id: str = 'base_link') -> Any:
@@ -63,10 +71,12 @@ def echo_message(make: Make, ping: Ping, scan_time_s: float = 0.0) -> Any:
     )
 
 
-def polygon_message(make: Make, stamp_ns: int, frame_id: str, vertices: ArrayLike) -> Any:
-    """geometry_msgs/msg/PolygonStamped of the corners (n, 2) [m], counter-clockwise, the first not repeated."""
-    corners = np.asarray(vertices, dtype=float).reshape(-1, 2)
-    points = [make('geometry_msgs/msg/Point32', x=float(x), y=float(y), z=0.0) for x, y in corners]
+def polygon_message(make: Make, stamp_ns: int, frame_id: str, vertices: ArrayLike, plane: Plane = XY) -> Any:
+    """geometry_msgs/msg/PolygonStamped of the corners (n, 2) [m], counter-clockwise, the first not repeated.
+
+    z is 0, and in another plane than the odometry's xy plane what that plane has there.
+    """
+    points = point_messages(make, vertices, plane, 'geometry_msgs/msg/Point32')
     return make('geometry_msgs/msg/PolygonStamped', header=header(make, stamp_ns, frame_id),
                 polygon=make('geometry_msgs/msg/Polygon', points=points))
 
@@ -81,6 +91,7 @@ def beam_map_message(make: Make, stamp_ns: int, frame_id: str, values: NDArray[n
 
 def occupancy_grid_message(
     make: Make, stamp_ns: int, frame_id: str, cells: ArrayLike, resolution_m: float, origin: tuple[float, float],
+    plane: Plane = XY,
 ) -> Any:
     """nav_msgs/msg/OccupancyGrid.
 
@@ -92,11 +103,13 @@ def occupancy_grid_message(
         Cell size [m].
     origin : (float, float)
         Corner of cell (0, 0) nearest the origin of the axes [m].
+    plane : Plane
+        In which the map lies; the pose of its origin says where that is.
     """
     grid = np.ascontiguousarray(cells, dtype=np.int8)
     rows, columns = grid.shape
     info = make('nav_msgs/msg/MapMetaData', map_load_time=time_message(make, stamp_ns), resolution=resolution_m,
-                width=columns, height=rows, origin=pose_message(make, Pose(*origin)))
+                width=columns, height=rows, origin=pose_message(make, Pose(*origin), plane))
     return make('nav_msgs/msg/OccupancyGrid', header=header(make, stamp_ns, frame_id), info=info,
                 data=grid.reshape(-1))
 

@@ -64,7 +64,6 @@ class PolymapNode(Node):  # type: ignore[misc]
         else:
             self._mapper = PolygonMapper(parameters, pulse, self._background)
         self._latency = Latency(self._mapper)
-        self._newest_ns = max((sounding.stamp_ns for sounding in self._mapper.soundings), default=None)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._live = LiveParameters(self, parameters, self._apply)
         watch = self._stopwatch
@@ -87,7 +86,6 @@ class PolymapNode(Node):  # type: ignore[misc]
         frame_id = self._mapper.frame_id
         self._mapper.reset()
         self._solving.drop()
-        self._newest_ns = None
         self._outputs.clear(frame_id)
 
     def close(self) -> None:
@@ -103,11 +101,16 @@ class PolymapNode(Node):  # type: ignore[misc]
             self._odometry.refused += 1
             self.get_logger().warning(str(error), throttle_duration_sec=10.0)
             return
-        back_s = 0.0 if self._newest_ns is None else (self._newest_ns - stamp_ns) * 1e-9
-        if back_s > self._live.current.odometry.max_gap_s:
+        newest_ns = self._mapper.newest_pose_ns
+        back_s = 0.0 if newest_ns is None else (newest_ns - stamp_ns) * 1e-9
+        if back_s > self._live.current.odometry.max_gap_s and frame_id == self._mapper.frame_id:
             self._jumped_back(f'odometry went back by {back_s:.3f} s')
-        self._newest_ns = stamp_ns if self._newest_ns is None else max(self._newest_ns, stamp_ns)
+        outliers = self._mapper.outliers
         taken = self._mapper.add_pose(stamp_ns, pose, frame_id)
+        if self._mapper.outliers > outliers:
+            self._odometry.refused += 1
+            self.get_logger().warning('an odometry message was stamped far ahead of the next one and is left out',
+                                      throttle_duration_sec=10.0)
         self._latency.settle()
         if not taken:
             self._odometry.refused += 1

@@ -10,6 +10,7 @@ from rclpy.node import Node
 
 from polymap_ros.errors import ParameterError
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.plane import XY
 from polymap_ros.messages import markers, outputs
 from polymap_ros.node.factory import make, message_class
 from polymap_ros.node.qos import latched_output
@@ -87,15 +88,15 @@ class Outputs:
         marked = self._markers, markers.marker_array_message(make, markers.drawing_of(twin))
         if twin.estimate is None or twin.estimate.polygon is None:
             return [marked]
-        vertices, stamp_ns = twin.estimate.polygon.vertices, twin.estimate.stamp_ns
-        messages = [(self._polygon, outputs.polygon_message(make, stamp_ns, twin.frame_id, vertices)), marked]
+        vertices, stamp_ns, plane = twin.estimate.polygon.vertices, twin.estimate.stamp_ns, twin.plane or XY
+        messages = [(self._polygon, outputs.polygon_message(make, stamp_ns, twin.frame_id, vertices, plane)), marked]
         try:
             grid = occupancy_of(vertices, self._parameters())
         except ParameterError as error:
             self._node.get_logger().error(str(error), throttle_duration_sec=60.0)
             return messages
         return [*messages, (self._map, outputs.occupancy_grid_message(
-            make, stamp_ns, twin.frame_id, grid.cells, grid.resolution_m, grid.origin))]
+            make, stamp_ns, twin.frame_id, grid.cells, grid.resolution_m, grid.origin, plane))]
 
     def publish(self, messages: Sequence[Ready]) -> None:
         """Publish what was drawn, message by message."""

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.plane import XY
 from polymap_ros.messages.markers import drawing_of, marker_array_message
 from polymap_ros.messages.outputs import beam_map_message, occupancy_grid_message, polygon_message
 from polymap_ros.parameters import NODE_NAME, Parameters
@@ -39,13 +40,13 @@ def write_outcome(
         for entry in recording.messages([odom_topic], start_s, end_s):
             writer.write(entry.topic, entry.message, entry.log_ns)
             log_ns = entry.log_ns
-        estimate, frame_id = mapper.estimate, mapper.frame_id
+        estimate, frame_id, plane = mapper.estimate, mapper.frame_id, mapper.plane or XY
         stamp_ns = estimate.stamp_ns if estimate is not None else log_ns
         if estimate is not None and estimate.status == 'closed' and estimate.polygon is not None:
             corners = estimate.polygon.vertices
             grid = occupancy_of(corners, parameters)
-            writer.write(POLYGON, polygon_message(make, stamp_ns, frame_id, corners), log_ns)
+            writer.write(POLYGON, polygon_message(make, stamp_ns, frame_id, corners, plane), log_ns)
             writer.write(MAP, occupancy_grid_message(
-                make, stamp_ns, frame_id, grid.cells, grid.resolution_m, grid.origin), log_ns)
+                make, stamp_ns, frame_id, grid.cells, grid.resolution_m, grid.origin, plane), log_ns)
         writer.write(MARKERS, marker_array_message(make, drawing_of(mapper)), log_ns)
         writer.write(BEAM_MAP, beam_map_message(make, stamp_ns, f'{NODE_NAME}/start', mapper.beam_map.values), log_ns)

@@ -78,6 +78,9 @@ class Replay:
             self.odometry.received += lost
             self.odometry.dropped['undecodable'] += lost
         self._mapper.finish()
+        if outliers := self._mapper.outliers:
+            self.odometry.used -= outliers
+            self.odometry.dropped['stamped_ahead'] += outliers
         self._check()
 
     def cautions(self) -> list[Caution]:

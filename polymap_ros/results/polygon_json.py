@@ -9,6 +9,7 @@ from typing import Any
 from polymap_ros import __version__
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.ping_queue import PingCounts
+from polymap_ros.mapping.plane import XY, Plane
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.specification import Value
@@ -18,7 +19,8 @@ _FILE_PARAMETERS = ('pulse.path', 'output.dir', 'output.load_path')
 
 
 def polygon_document(
-    estimate: Estimate, frame_id: str, counts: PingCounts, parameters: Parameters, cautions: Sequence[Caution] = ()
+    estimate: Estimate, frame_id: str, counts: PingCounts, parameters: Parameters, cautions: Sequence[Caution] = (),
+    plane: Plane = XY,
 ) -> dict[str, Any]:
     """The content of polygon.json.
 
@@ -34,10 +36,13 @@ def polygon_document(
         Those in force; of file names only the last part is kept, so that the place of work does not show.
     cautions : sequence of Caution
         Further warnings beside the estimate's own, such as a recording's.
+    plane : Plane
+        Coordinates of the estimate are those of this plane; what is not the frame's own xy plane is written down.
     """
     closed = estimate.polygon if estimate.status == 'closed' else None
     return {
-        'format': FORMAT, 'status': estimate.status, 'frame_id': frame_id, 'stamp_ns': int(estimate.stamp_ns),
+        'format': FORMAT, 'status': estimate.status, 'frame_id': frame_id,
+        **({} if plane.is_xy else {'plane': _plane(plane)}), 'stamp_ns': int(estimate.stamp_ns),
         'method': estimate.method,
         **(_candidate(closed) if closed else {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
         'walls': [_edge(edge) for edge in estimate.walls],
@@ -51,6 +56,12 @@ def polygon_document(
         'parameters': {name: _shown(name, value) for name, value in parameters.flat().items()},
         'software': {'polymap_ros': __version__},
     }
+
+
+def _plane(plane: Plane) -> dict[str, Any]:
+    x_axis, y_axis, _ = plane.axes
+    rows = {'origin': plane.frame.position, 'x_axis': x_axis, 'y_axis': y_axis}
+    return {name: [_number(value) for value in row] for name, row in rows.items()}
 
 
 def encode(document: dict[str, Any]) -> bytes:

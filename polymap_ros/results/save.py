@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.mapping.estimate import Caution, Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.plane import XY
 from polymap_ros.parameters import Parameters
 from polymap_ros.results import folder as names
 from polymap_ros.results.arrays import beam_map_npz, state_npz
@@ -51,7 +52,8 @@ def write_results(
     OSError
         Where a file cannot be written.
     """
-    document = polygon_document(estimate, mapper.frame_id, mapper.counts, parameters, cautions)
+    document = polygon_document(
+        estimate, mapper.frame_id, mapper.counts, parameters, cautions, mapper.plane or XY)
     (stage / names.POLYGON).write_bytes(encode(document))
     (stage / names.STATE).write_bytes(state_npz(mapper.state()))
     if estimate.status == 'closed' and estimate.polygon is not None:

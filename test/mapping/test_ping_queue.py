@@ -63,8 +63,10 @@ def test_what_will_never_be_placed_is_dropped_with_its_reason():
     assert stamps(pings) == []
     pings.put(ping(100))
     track.add(200 * MS, Pose(0.0, 0.0))
+    track.add(201 * MS, Pose(0.0, 0.0))
     assert stamps(pings) == []
     track.add(1500 * MS, Pose(0.0, 0.0))
+    track.add(1501 * MS, Pose(0.0, 0.0))
     pings.put(ping(300))
     assert stamps(pings) == []
     assert pings.counts.dropped == {'no_pose': 1, 'pose_gap': 1, 'stale': 1}

@@ -57,7 +57,7 @@ def test_open_and_ambiguous_answers_have_lines_but_no_outline(make, transported)
     found = markers(make, transported, Estimate('open', 'evidence', walls=EDGES[:2]))
     assert 'outline' not in found
     assert len(points(found['lines'])) == 4
-    assert found['text'].text == 'open: 2 certain walls'
+    assert found['text'].text == 'open: certain walls: 2'
     both = Candidate(SQUARE, EDGES), Candidate(SQUARE + 1.0, EDGES)
     found = markers(make, transported, Estimate('ambiguous', 'evidence', alternatives=both))
     assert 'outline' not in found

@@ -87,10 +87,29 @@ def test_odometry_that_cannot_be_used_is_counted_by_reason(write_recording):
 
 
 def test_stamps_that_go_back_are_counted(write_recording):
-    late = make('nav_msgs/msg/Odometry')
-    late.header.frame_id = 'odom'
+    late = stamped_odometry(99.5)
     _, replay, _ = replayed(write_recording(extra=[('/odom', late)]))
     assert replay.odometry.dropped == {'out_of_order': 1}
+
+
+def stamped_odometry(stamp_s):
+    message = make('nav_msgs/msg/Odometry')
+    message.header.frame_id, message.header.stamp.sec = 'odom', int(stamp_s)
+    message.header.stamp.nanosec = round(stamp_s % 1.0 * 1e9)
+    return message
+
+
+def test_one_stamp_far_ahead_costs_no_ping_and_is_said(write_recording):
+    mapper, replay, _ = replayed(write_recording(extra=[('/odom', stamped_odometry(2e9))]))
+    assert (mapper.counts.used, mapper.counts.dropped) == (20, {})
+    assert (replay.odometry.received, replay.odometry.used) == (42, 41)
+    (caution,) = replay.cautions()
+    assert caution.text == '/odom: of 42 messages dropped: 1 stamped_ahead'
+
+
+def test_a_stamp_never_filled_in_costs_no_ping(write_recording):
+    mapper, _, _ = replayed(write_recording(extra=[('/odom', stamped_odometry(0.0))]))
+    assert (mapper.counts.used, mapper.counts.dropped) == (20, {})
 
 
 def test_odometry_of_which_nothing_can_be_used(write_recording, tmp_path):
