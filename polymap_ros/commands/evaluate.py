@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from polymap_ros.commands import console
+from polymap_ros.commands import console, live
 
 if TYPE_CHECKING:
     from polymap_ros.evaluation.rows import Result
@@ -18,7 +18,9 @@ PROGRAM = 'polymap_evaluate'
 _DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
 rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
 same scenes. "online": the same scenes with an estimate after every ping. "doubt": scenes that no convex polygon
-explains, and how many of them are flagged. Ranges are always estimated from the signals.'''
+explains, and how many of them are flagged. "live": the real node over DDS for minutes, what it loses, costs and how
+late it is. "cpu": CPU of an idle node, an odometry message and a ping. Ranges are always estimated from the
+signals.'''
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -26,8 +28,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     for library in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA'):  # one core per process, so that times can be compared
         os.environ.setdefault(f'{library}_NUM_THREADS', '1')
     arguments = _parser().parse_args(argv)
-    experiment = _EXPERIMENTS[arguments.experiment]
-    return console.execute(PROGRAM, lambda: experiment(arguments))
+    return console.execute(PROGRAM, lambda: _run_experiment(arguments))
+
+
+def _run_experiment(arguments: argparse.Namespace) -> int:
+    if arguments.experiment not in ('live', 'cpu'):
+        _refuse(arguments, *live.ARGUMENTS)
+    return _EXPERIMENTS[arguments.experiment](arguments)
 
 
 def _parser() -> console.Parser:
@@ -49,6 +56,7 @@ def _parser() -> console.Parser:
     parser.add_argument('--drive', type=Path, metavar='RECORDING',
                         help='random: drive stretches of the odometry in this recording (topic: topics.odom; ROS 1 '
                              'bags are read, too), turned and scaled to fill the rooms')
+    live.add_arguments(parser)
     console.add_parameter_arguments(parser)
     return parser
 
@@ -168,7 +176,15 @@ def _doubt(arguments: argparse.Namespace) -> int:
     return console.DONE
 
 
-_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt}
+def _live(arguments: argparse.Namespace) -> int:
+    run = {'live': live.live, 'cpu': live.cpu}[arguments.experiment]
+    _refuse(arguments, 'repetitions', 'method', 'edges', 'seeds', 'variant')
+    rows, table = run(arguments)
+    _write(arguments.output, rows, table, {})
+    return console.DONE
+
+
+_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'live': _live, 'cpu': _live}
 
 
 def _variant(arguments: argparse.Namespace) -> tuple[str, str]:
@@ -200,7 +216,7 @@ def _refuse(arguments: argparse.Namespace, *names: str) -> None:
 
     for name in names:
         if getattr(arguments, name) is not None:
-            raise UsageError(f'--{name} does not act in "{arguments.experiment}"')
+            raise UsageError(f'--{name.replace("_", "-")} does not act in "{arguments.experiment}"')
 
 
 def _one(levels: list[float | None]) -> float | None:
