@@ -136,17 +136,16 @@ def live(arguments: argparse.Namespace) -> 'tuple[list[Second], str]':
     own_domain()
     pings = stream.pings()
     with Observed('polymap_ros.commands.node', ['--ros-args', *RELIABLE, *node_arguments(arguments)]) as node, \
-            playing(TOPICS, 1.0, []) as player:
-        with Listener().listening() as listener:
-            if lonely := player.wait(WAIT_S):
-                raise UsageError(f'the node does not subscribe to {" and ".join(lonely)}')
-            record = Record(node)
-            listener.heard = record.add
-            player.play(with_progress(stream.messages(duration_s, pings), duration_s))
-            player.flush(WAIT_S)
-            sent = stream.expected(duration_s)
-            listener.wait_for(lambda values: values.get('pings used') == str(sent[1]), WAIT_S)
-            newest = listener.newest
+            playing(TOPICS, 1.0, []) as player, Listener().listening() as listener:
+        if lonely := player.wait(WAIT_S):
+            raise UsageError(f'the node does not subscribe to {" and ".join(lonely)}')
+        record = Record(node)
+        listener.heard = record.add
+        player.play(with_progress(stream.messages(duration_s, pings), duration_s))
+        player.flush(WAIT_S)
+        sent = stream.expected(duration_s)
+        listener.wait_for(lambda values: values.get('pings used') == str(sent[1]), WAIT_S)
+        newest = listener.newest
     return record.seconds, live_table(record.seconds, newest, sent, node.status)
 
 
