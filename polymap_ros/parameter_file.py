@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from polymap_ros.errors import ParameterError
+from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.parameters import NODE_NAME, Parameters, specifications
 
 
@@ -46,28 +46,31 @@ def load_parameters(
 
     Raises
     ------
+    UsageError
+        For a file that cannot be read, or is not a parameter file.
     ParameterError
-        For a file that cannot be read, is not a parameter file, or holds a name or value not allowed.
+        For a name or value that is not allowed.
     """
     try:
         document = _read_yaml(path.read_text(encoding='utf-8'))
     except OSError as error:
-        raise ParameterError(str(path), f'cannot be read: {error.strerror}') from error
+        raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ParameterError(str(path), f'is not YAML: {" ".join(str(error).split())}') from error
+        raise UsageError(f'parameter file {path}: is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(document, dict):
-        raise ParameterError(str(path), 'is not a ROS parameter file: expected polymap_node: ros__parameters: ...')
+        raise UsageError(f'parameter file {path}: is not a ROS parameter file: expected polymap_node: '
+                         'ros__parameters: ...')
     nodes = dict(_nodes(document, node_name))
     keys = [key for key in nodes if key == '/**' or key.rpartition('/')[2] == node_name]
     if not keys:
-        raise ParameterError(str(path), f'has no {node_name} or /** key, only {", ".join(map(str, document))}')
+        raise UsageError(f'parameter file {path}: has no {node_name} or /** key, only {", ".join(map(str, document))}')
     known = {spec.name for spec in specifications()}
     groups = {name.partition('.')[0] for name in known}
     values: dict[str, object] = {}
     for key in sorted(keys, key=lambda key: (key != '/**', key.count('/'), key)):
         body = nodes[key].get('ros__parameters') if isinstance(nodes[key], dict) else None
         if not isinstance(body, dict):
-            raise ParameterError(str(path), f'{key} has no ros__parameters')
+            raise UsageError(f'parameter file {path}: {key} has no ros__parameters')
         entries = _flattened(body)
         if key == '/**':
             entries = {name: value for name, value in entries.items() if name in known}

@@ -1,6 +1,7 @@
 """What the commands share: arguments, parameters, one-line errors, exit status, progress."""
 
 import argparse
+import functools
 import os
 import signal
 import sys
@@ -8,13 +9,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TypeVar
 
 from polymap_ros import __version__
 from polymap_ros.errors import PolymapError
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import Parameters
 
+T = TypeVar('T')
 DONE, NO_POLYGON, WRONG, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
@@ -28,6 +30,19 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         complain(self.prog, f'{message} (see {self.prog} --help)')
         sys.exit(WRONG)
+
+
+def argument(expected: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
+    """Make the type of an argument of a function that raises ValueError for what is not `expected`."""
+    def typed(parse: Callable[[str], T]) -> Callable[[str], T]:
+        @functools.wraps(parse)
+        def read(text: str) -> T:
+            try:
+                return parse(text)
+            except ValueError:
+                raise argparse.ArgumentTypeError(f'{text!r}: must be {expected}') from None
+        return read
+    return typed
 
 
 def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:

@@ -61,38 +61,41 @@ def _parser() -> console.Parser:
     return parser
 
 
+@console.argument('finite numbers or none, separated by commas')
 def _snrs(text: str) -> list[float | None]:
     levels = [None if part == 'none' else float(part) for part in text.split(',')]
     if not all(level is None or math.isfinite(level) for level in levels):
-        raise argparse.ArgumentTypeError(f'{text}: must be finite, or none')
+        raise ValueError
     return list(dict.fromkeys(levels))
 
 
+@console.argument('a whole number, at least 1')
 def _count(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise argparse.ArgumentTypeError(f'{text}: must be at least 1')
-    return count
+    if int(text) < 1:
+        raise ValueError
+    return int(text)
 
 
 def _names(text: str) -> list[str]:
     return list(dict.fromkeys(text.split(',')))
 
 
+@console.argument('a number of edges, or A-B with 3 <= A <= B <= 64')
 def _edges(text: str) -> range:
     """``A-B``, both included, or a single number."""
     first, _, last = text.partition('-')
     numbers = range(int(first), int(last or first) + 1)
     if not 3 <= numbers.start < numbers.stop <= 65:
-        raise argparse.ArgumentTypeError(f'{text}: must be A-B with 3 <= A <= B <= 64')
+        raise ValueError
     return numbers
 
 
+@console.argument('A:B or A:B:STEP with at least one seed, none negative')
 def _seeds(text: str) -> range:
     """``A:B`` or ``A:B:STEP``, as in Python's range."""
     seeds = range(*(int(part) for part in text.split(':', 2)))
     if ':' not in text or len(seeds) == 0 or min(seeds) < 0:
-        raise argparse.ArgumentTypeError(f'{text}: must be A:B:STEP with at least one seed, none negative')
+        raise ValueError
     return seeds
 
 

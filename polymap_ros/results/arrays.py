@@ -38,14 +38,21 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
     StateError
         For a file that is missing, damaged, or no saved state of a format known here.
     """
+    problem = f'{path}: is no saved state, or a damaged one; allowed: state.npz of polymap_replay or ~/save'
     try:
-        with np.load(path, allow_pickle=False) as file:
-            state = {name: file[name] for name in file.files}
+        with path.open('rb') as stream:
+            if not zipfile.is_zipfile(stream):  # what else numpy reads are single arrays, and pickles
+                raise StateError(problem)
+            stream.seek(0)
+            with np.load(stream, allow_pickle=False) as file:
+                state = {name: file[name] for name in file.files}
     except OSError as error:
         raise StateError(f'{path}: cannot be read: {error.strerror or error}') from error
     except (ValueError, KeyError, EOFError, AttributeError, NotImplementedError, zipfile.BadZipFile) as error:
-        raise StateError(f'{path}: is no saved state ({type(error).__name__}: {error})') from error
-    found = str(state.pop('format', None))
+        raise StateError(problem) from error
+    if 'format' not in state:
+        raise StateError(problem)
+    found = str(state.pop('format'))
     if found != STATE_FORMAT:
         raise StateError(f'{path}: has format {found}; allowed: {STATE_FORMAT}')
     return state

@@ -118,7 +118,9 @@ def test_arguments_that_mean_nothing_are_refused(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
         main(arguments)
     assert caught.value.code == 2
-    assert capsys.readouterr().err.count('\n') == 1
+    complaint = capsys.readouterr().err
+    assert complaint.count('\n') == 1
+    assert ' _' not in complaint  # no name of a function
 
 
 def test_arguments_are_read_as_ranges():

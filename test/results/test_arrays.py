@@ -36,6 +36,12 @@ def test_a_missing_state_says_so(tmp_path):
         read_state(tmp_path / 'none.npz')
 
 
+def one_array():
+    buffer = io.BytesIO()
+    np.save(buffer, np.eye(2))
+    return buffer.getvalue()
+
+
 def pickled():
     buffer = io.BytesIO()
     np.savez(buffer, format=np.array('polymap-state/1'), trap=np.array([Exception], dtype=object))
@@ -43,12 +49,13 @@ def pickled():
 
 
 @pytest.mark.parametrize('content', [
-    b'', b'hello', bytes(300), pickled(), npz({'a': np.eye(2)}), npz({'format': np.array('polymap-state/2')}),
-    state_npz(STATE)[:-30], state_npz(STATE)[:100]])
+    b'', b'hello', bytes(300), pickled(), one_array(), npz({}), npz({'a': np.eye(2)}),
+    npz({'format': np.array('polymap-state/2')}), state_npz(STATE)[:-30], state_npz(STATE)[:100]])
 def test_a_file_that_is_no_state(tmp_path, content):
     (tmp_path / 'state.npz').write_bytes(content)
-    with pytest.raises(StateError, match=r'state\.npz: (is no saved state|has format|cannot be read)'):
+    with pytest.raises(StateError, match=r'state\.npz: (is no saved state|has format)') as caught:
         read_state(tmp_path / 'state.npz')
+    assert 'pickle' not in str(caught.value)
 
 
 def test_a_flipped_bit_is_noticed(tmp_path):
