@@ -37,15 +37,19 @@ class NoiseGauge:
         self._quiet = np.flatnonzero((strength < _QUIET * strength.max()) & (omega > 0.0))
         self._floor = float(np.sqrt(MODEL_ERROR / n_samples))
 
-    def __call__(self, samples: NDArray[np.floating]) -> float | None:
-        """Noise relative to the norm of the samples; None where no frequency is quiet."""
+    def __call__(self, samples: NDArray[np.floating], used: NDArray[np.floating] | None = None) -> float | None:
+        """Noise relative to the norm of the samples; None where no frequency is quiet.
+
+        `used` is what is made of the samples before eq. (3), and normalises it, where that is not the samples.
+        """
         if len(self._quiet) < _LEAST_BINS:
             return None
         z = np.asarray(samples, dtype=np.float64)
         energy = np.abs(scipy.fft.rfft(z)[self._quiet]) ** 2
         # A periodogram's values are exponential about the noise's power: the median is ln 2 of the mean.
         variance = float(np.median(energy)) / np.log(2.0) / len(z)
-        return max(float(np.sqrt(variance) / np.linalg.norm(z)), self._floor)
+        norm = float(np.linalg.norm(z if used is None else np.asarray(used, dtype=np.float64)))
+        return max(float(np.sqrt(variance)) / norm, self._floor) if norm > 0.0 else self._floor
 
 
 def noise_from_envelope(envelope: NDArray[np.floating], n_samples: int) -> float:

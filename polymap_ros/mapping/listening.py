@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.front_end import FrontEnd, clipped, dropped_out
 from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter, sampling_step
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
@@ -51,7 +52,7 @@ class Listener:
     Parameters
     ----------
     parameters : Parameters
-        Groups `medium`, `pulse` and `echo`.
+        Groups `medium`, `pulse`, `echo` and `front_end`.
     ranges_m : ndarray, shape (n_ranges,)
         Range axis from 0 [m].
     recorded_pulse : ndarray, shape (n,), optional
@@ -85,7 +86,7 @@ class Listener:
         self.fold = max(1, int(np.ceil(self._step_m / step_m - 1e-9)))
         self.n_fine = (len(ranges_m) - 1) * self.fold + 1
         self._fine_m = np.arange(self.n_fine, dtype=float) * (self._step_m / self.fold)
-        self._filters: dict[_Key, tuple[EchoFilter, NoiseGauge]] = {}
+        self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
 
@@ -109,7 +110,7 @@ class Listener:
         if samples.size > MAX_SAMPLES or reach_m > MAX_CELLS * self._step_m:
             raise BadPing('too_long', f'{samples.size} samples of {period_s:g} s, {reach_m:.3g} m of range; allowed: '
                                       f'{MAX_SAMPLES} samples, {MAX_CELLS * self._step_m:.3g} m')
-        needed_s = 2.0 * self._blanking_m(ping) / self._speed_m_s + self._pulse(period_s).duration_s
+        needed_s = self._blanked_s(ping) + self._pulse(period_s).duration_s
         end_s = t0_s + samples.size * period_s
         if end_s < needed_s:
             raise BadPing('too_short', f'{samples.size} samples end {end_s:g} s after emission; an echo from beyond '
@@ -118,21 +119,48 @@ class Listener:
             raise BadPing('bad_samples', f'{np.sum(~np.isfinite(samples))} of {samples.size} samples are not finite')
         if not np.any(samples):
             raise BadPing('bad_samples', f'all {samples.size} samples are zero')
+        self._check_converter(ping)
+
+    def _check_converter(self, ping: Ping) -> None:
+        """Raise `BadPing` if more samples beyond the blanking are clipped or dropped out than `front_end.max_bad`."""
+        allowed = self._parameters.front_end.max_bad
+        if allowed == 1.0:
+            return
+        first = max(int(np.ceil((self._blanked_s(ping) - ping.t0_s) / ping.period_s)), 0)
+        for what, bad in (('clipped', clipped(ping.samples)), ('dropped out', dropped_out(ping.samples))):
+            if (share := float(np.mean(bad[first:]))) > allowed:
+                raise BadPing('bad_samples', f'{share:.1%} of the samples beyond the blanking are {what}; allowed: '
+                                             f'{allowed:.1%} (front_end.max_bad)')
 
     def hear(self, ping: Ping) -> Heard:
         """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range."""
-        correlate, gauge = self._filter(ping)
-        echo = correlate(ping.samples)
+        correlate, gauge, front_end = self._filter(ping)
+        samples = front_end.levelled(ping.samples)
+        used = front_end.limited(samples, self._blanked_s(ping))
+        echo = correlate(used)
         blanking_m, last_m = self._blanking_m(ping), ping.range_max_m or np.inf
         useful = self._ranges_m <= last_m * (1.0 + 1e-9)
         echo[self._fine_m > last_m * (1.0 + 1e-9)] = 0.0
         envelope = np.abs(echo[:: self.fold])
         rho = closest_range(envelope[useful], self._step_m, blanking_m)
-        noise = gauge(ping.samples) if self._parameters.echo.kind == 'rf' else None
+        noise = gauge(samples, used) if self._parameters.echo.kind == 'rf' else None
         if noise is None:
             noise = noise_from_envelope(envelope, ping.samples.size)
         echo[self._fine_m < blanking_m * (1.0 - 1e-9)] = 0.0
-        return Heard(echo, np.abs(echo[:: self.fold]), rho, noise)
+        envelope = np.abs(echo[:: self.fold])
+        if self._parameters.front_end.flat_spreading:
+            envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
+        return Heard(echo, envelope, rho, noise)
+
+    @property
+    def pulse_s(self) -> float:
+        """Duration of the pulse [s]."""
+        return self._pulse(0.125 / self._parameters.pulse.frequency_hz).duration_s
+
+    @property
+    def pulse_m(self) -> float:
+        """The range that the pulse takes up [m]."""
+        return 0.5 * self._speed_m_s * self.pulse_s
 
     @property
     def shape(self) -> PulseShape:
@@ -145,6 +173,10 @@ class Listener:
 
     def _blanking_m(self, ping: Ping) -> float:
         return max(self._parameters.echo.blanking_m, ping.range_min_m)
+
+    def _blanked_s(self, ping: Ping) -> float:
+        """When an echo from the end of the blanking begins, after emission [s]."""
+        return 2.0 * self._blanking_m(ping) / self._speed_m_s
 
     def _pulse(self, period_s: float) -> Pulse:
         return make_pulse(self._parameters.pulse, self._recorded, period_s)
@@ -159,14 +191,16 @@ class Listener:
 
     def _prepare(self, key: '_Key') -> None:
         try:
-            made = self._correlation(key), NoiseGauge(self._medium, self._pulse(key[1]), *key[:2])
+            pulse, magnitudes = self._pulse(key[1]), self._parameters.echo.kind == 'envelope'
+            made = (self._correlation(key), NoiseGauge(self._medium, pulse, *key[:2]),
+                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s))
         finally:
             self._begun.discard(key)
         if len(self._filters) == _FILTERS:
             del self._filters[next(iter(self._filters))]
         self._filters[key] = made
 
-    def _filter(self, ping: Ping) -> tuple[EchoFilter, NoiseGauge]:
+    def _filter(self, ping: Ping) -> '_Ears':
         key = _key(ping)
         if key not in self._filters:
             self._prepare(key)
@@ -175,12 +209,17 @@ class Listener:
     def _correlation(self, key: '_Key') -> EchoFilter:
         pulse = self._pulse(key[1])
         if self._parameters.echo.kind == 'rf':
-            return MatchedFilter(self._medium, pulse, self._fine_m, *key)
+            front_end = self._parameters.front_end
+            wiener_noise = front_end.wiener_noise if front_end.filter == 'wiener' else None
+            return MatchedFilter(self._medium, pulse, self._fine_m, *key, wiener_noise)
         return EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key)
 
 
 _Key: TypeAlias = tuple[int, float, float]
 """Samples, sample period [s] and time of the first sample [s]."""
+
+_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd]
+"""All that pings of one length, period and start are heard with."""
 
 
 def _key(ping: Ping) -> _Key:

@@ -1,7 +1,8 @@
 """From echoes and odometry to the polygon: the one way through."""
 
 import copy
-from collections.abc import Iterable, Mapping
+import dataclasses
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,12 +63,19 @@ class PolygonMapper:
         The odometry's frame; empty until there was a pose.
     estimate : Estimate or None
         The last finished solve.
+    locate : callable
+        Gives the sensor's place in the robot's base frame by the name of the sensor's frame, such as from TF, in place
+        of `sensor.x_m` and `sensor.y_m`; None as long as it is not known, for which pings wait. It raises `BadPing` at
+        the first question for a frame that it will never know.
+    missing_frame : str
+        The frame that the first waiting ping waits for `locate` to know; empty where it does not.
     """
 
     def __init__(
         self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once
     ) -> None:
         self.parameters = parameters
+        self.locate: Callable[[str], Pose | None] = lambda _: Pose(parameters.sensor.x_m, parameters.sensor.y_m)
         self._quarter_m2 = (0.5 * parameters.sensor.baseline_m) ** 2
         self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
         self.reset()
@@ -84,7 +92,7 @@ class PolygonMapper:
         self._thinning = Thinning()
         self.plane: Plane | None = None
         self.start_pose: Pose | None = None
-        self.frame_id = ''
+        self.frame_id = self.missing_frame = ''
         self.estimate: Estimate | None = None
         self._solver = make_solver(self.parameters)  # a twin may be in the middle of a solve
         self._solving = False
@@ -151,6 +159,7 @@ class PolygonMapper:
         """Add a ping; it is used once the odometry brackets its emission, or dropped and counted, never fatal."""
         try:
             self._listener.check(ping)
+            self.locate(ping.frame_id)
         except BadPing as bad:
             self._queue.refuse(bad.reason, str(bad))
         else:
@@ -169,9 +178,9 @@ class PolygonMapper:
         self._use(self._common.finish())
 
     def go_on(self) -> None:
-        """Use the pings that have waited long enough: for their odometry, or for what was to be done `later`."""
-        for ping, base in self._queue.placed(self._listener.ready):
-            sensor = base.compose(Pose(self.parameters.sensor.x_m, self.parameters.sensor.y_m))
+        """Use the pings that have waited long enough: for odometry, the sensor's place, what was to be done `later`."""
+        for ping, base in self._queue.placed(self._ready):
+            sensor = base.compose(self.locate(ping.frame_id) or Pose(0.0, 0.0))
             self.start_pose = self.start_pose or sensor
             self._use(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
 
@@ -184,6 +193,11 @@ class PolygonMapper:
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
             self.free_area.add(place.x, place.y, float(np.sqrt(np.maximum(rho**2 - self._quarter_m2, 0.0))))
+
+    def _ready(self, ping: Ping) -> bool:
+        located = self.locate(ping.frame_id) is not None
+        self.missing_frame = '' if located else ping.frame_id
+        return located and self._listener.ready(ping)
 
     def solve(self) -> Estimate:
         """Solve from what has been heard so far; the answer is in the odometry's frame."""
@@ -212,7 +226,8 @@ class PolygonMapper:
 
     def preview(self) -> Estimate:
         """What the solve that was begun last would answer if it ended now, in the odometry's frame."""
-        return self._solver.estimate().moved(self.start_pose or Pose(0.0, 0.0))
+        estimate = self._solver.estimate().moved(self.start_pose or Pose(0.0, 0.0))
+        return dataclasses.replace(estimate, cautions=(*estimate.cautions, *self._common.cautions))
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on as if nothing had happened, as arrays of numbers and strings."""

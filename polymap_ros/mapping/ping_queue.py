@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadPing, StateError
+from polymap_ros.mapping.packed_pings import packed_pings, unpacked_pings
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
 
@@ -130,28 +131,14 @@ class PingQueue:
             'reasons': np.array([reason for reason, _ in dropped], dtype=str),
             'dropped': np.array([number for _, number in dropped], np.int64),
             'taken_ns': np.array(sorted(self._taken), np.int64),
-            'waiting_ns': np.array([ping.stamp_ns for ping in pings], np.int64),
-            'waiting_times': np.array(
-                [(ping.period_s, ping.t0_s, ping.range_min_m, ping.range_max_m) for ping in pings]).reshape(-1, 4),
-            'waiting_frames': np.array([ping.frame_id for ping in pings], dtype=str),
-            'waiting_ends': np.cumsum([ping.samples.size for ping in pings], dtype=np.int64),
-            'waiting_samples': np.concatenate([np.empty(0), *(ping.samples for ping in pings)]),
+            **{f'waiting_{name}': array for name, array in packed_pings(pings).items()},
         }
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
         received, used = (int(number) for number in state['counts'])
         dropped = dict(zip(state['reasons'].tolist(), state['dropped'].tolist(), strict=True))
-        samples, times = np.asarray(state['waiting_samples'], float), np.asarray(state['waiting_times'], float)
-        starts = np.concatenate((np.zeros(1, np.int64), state['waiting_ends']))
-        if np.any(np.diff(starts) <= 0) or starts[-1] != samples.size:
-            raise StateError(f'the waiting pings do not share {samples.size} samples')
-        if not (np.all(np.isfinite(samples)) and np.all(np.isfinite(times)) and np.all(times[:, 0] > 0.0)):
-            raise StateError('the waiting pings are not finite')
-        rows = zip(state['waiting_ns'].tolist(), times.tolist(), state['waiting_frames'].tolist(),
-                   starts[:-1].tolist(), starts[1:].tolist(), strict=True)
-        pings = [Ping(stamp_ns, samples[start:end].copy(), period_s, t0_s, first_m, last_m, frame)
-                 for stamp_ns, (period_s, t0_s, first_m, last_m), frame, start, end in rows]
+        pings = unpacked_pings(state, 'waiting_')
         if received != used + sum(dropped.values()) + len(pings):
             raise StateError(f'{received} pings received are not {used} used, {sum(dropped.values())} dropped and '
                              f'{len(pings)} waiting')

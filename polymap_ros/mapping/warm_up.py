@@ -24,6 +24,7 @@ def warm_up(parameters: Parameters, recorded_pulse: NDArray[np.float64] | None =
     for stamp_ns, (x, y) in enumerate(((0.0, 0.0), (0.1, 0.0), (0.1, 0.1), (0.0, 0.1))):
         mapper.add_pose(stamp_ns, Pose(x * reach_m, y * reach_m))
         mapper.add_ping(Ping(stamp_ns, samples.astype(np.float32), period_s))
+    mapper.finish()  # where pings wait for more of them
     mapper.begin_solve()
     mapper.advance(1)
     mapper.preview()

@@ -138,3 +138,52 @@ def test_pings_of_different_shapes_do_not_mix():
         alone.append(listener().hear(each).echo)
     for each, echo in list(zip(shapes, alone, strict=True)) * 2:
         np.testing.assert_array_equal(ears.hear(each).echo, echo)
+
+
+def test_pings_of_a_bad_converter_are_refused_beyond_the_blanking():
+    clipped = np.clip(NOISE, -1.5, 1.5)  # 13 % of the samples
+    listener().check(ping(clipped))
+    with pytest.raises(BadPing, match=r'clipped.*front_end\.max_bad') as caught:
+        listener(front_end__max_bad=0.01).check(ping(clipped))
+    assert caught.value.reason == 'bad_samples'
+    silent = NOISE.copy()
+    silent[1000:1100] = 0.25
+    with pytest.raises(BadPing, match='dropped out'):
+        listener(front_end__max_bad=0.01).check(ping(silent))
+    near = NOISE.copy()
+    near[:100] = 7.0  # the direct wave, within 0.15 m
+    listener(front_end__max_bad=0.01, echo__blanking_m=0.15).check(ping(near))
+    with pytest.raises(BadPing):
+        listener(front_end__max_bad=0.01).check(ping(near))
+
+
+def two_walls(parameters=None):
+    parameters = parameters or Parameters()
+    synthesis = Synthesis(make_medium(parameters.medium), make_pulse(parameters.pulse), 2048, 1e-6)
+    return synthesis(np.array([0.6, 2.0]), np.array([1.0, 1.0]))
+
+
+def test_the_front_end_acts_before_eq_3():
+    samples = (two_walls() + 1e3).astype(np.float32)
+    assert listener(front_end__remove_dc=True).hear(ping(samples)).rho == pytest.approx(0.3, abs=0.002)
+    muted = listener(front_end__mute_blanking=True, echo__blanking_m=0.5).hear(ping(two_walls()))
+    alone = listener().hear(ping(two_walls())).envelope[200]
+    assert muted.envelope[200] > 1.2 * alone  # a share of what is left of the ping
+    noisy = two_walls() + 10.0 * np.sin(2.0 * np.pi * 2e4 * 1e-6 * np.arange(2048))
+    assert listener(front_end__band_low_hz=5e4).hear(ping(noisy)).rho == pytest.approx(0.3, abs=0.002)
+
+
+def test_a_band_pass_does_not_pass_noise_off_as_silence():
+    """Noise is told from frequencies beyond the pulse's, before they are taken out."""
+    samples = two_walls() / np.abs(two_walls()).max() + 0.3 * NOISE
+    plain, limited = (listener(front_end__band_low_hz=low, front_end__band_high_hz=high).hear(ping(samples))
+                      for low, high in ((0.0, 0.0), (1.5e4, 3e5)))
+    # Relative to the ping's norm, of which the band-pass took some: the ratio of signal to noise is the same.
+    assert limited.envelope[60] / limited.noise == pytest.approx(plain.envelope[60] / plain.noise, rel=0.05)
+
+
+def test_flat_spreading_makes_far_echoes_as_bright_as_near_ones():
+    plain, flat = (listener(front_end__flat_spreading=on).hear(ping(two_walls())) for on in (False, True))
+    assert plain.envelope[60] / plain.envelope[200] == pytest.approx(np.sqrt(2.0 / 0.6), rel=0.05)
+    assert flat.envelope[60] / flat.envelope[200] == pytest.approx(1.0, rel=0.05)
+    np.testing.assert_array_equal(plain.echo, flat.echo)

@@ -1,0 +1,124 @@
+"""What is done to a ping's samples before eq. (3): one function per step, each on samples (n,) or (N, n)."""
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from polymap_ros.parameters import FrontEndParameters
+
+_CLIPPED_RUN = 2
+"""A ping's largest or smallest value, so many times in a row, is the end of the converter: noise hardly repeats it."""
+
+_DROPOUT_RUN = 16
+"""So many equal samples, whatever their value, are a dropout: a converter's last digit flickers."""
+
+_TRANSITION = 0.1
+"""Width of a band's edge as a share of its frequency."""
+
+
+def clipped(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Which samples (n,) are at the ping's largest or smallest value, where that is the converter's end."""
+    again = _in_runs(samples, _CLIPPED_RUN)
+    ends = [samples == end for end in (samples.max(), samples.min())]
+    found: NDArray[np.bool_] = np.any([at & np.any(at & again) for at in ends], axis=0)
+    return found
+
+
+def dropped_out(samples: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Which samples (n,) are in a run of at least sixteen equal ones."""
+    return _in_runs(samples, _DROPOUT_RUN)
+
+
+def _in_runs(samples: NDArray[np.floating], length: int) -> NDArray[np.bool_]:
+    """Which samples are in a run of at least `length` equal ones."""
+    starts = np.flatnonzero(np.concatenate(([True], samples[1:] != samples[:-1])))
+    lengths = np.diff(np.append(starts, len(samples)))
+    return np.repeat(lengths >= length, lengths)
+
+
+def without_dc(samples: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Samples less their mean."""
+    less: NDArray[np.floating] = samples - samples.mean(axis=-1, keepdims=True)
+    return less
+
+
+def band_pass(n_samples: int, period_s: float, low_hz: float, high_hz: float) -> NDArray[np.float64]:
+    """Gain of a zero-phase band-pass at the frequencies of `in_band`, shape (n,); an edge of 0 Hz is none.
+
+    The edges are raised cosines that reach one half at the frequency given.
+    """
+    frequency = scipy.fft.rfftfreq(_padded(n_samples), period_s)
+    gain: NDArray[np.float64] = np.ones(len(frequency))
+    for edge, sign in ((low_hz, 1.0), (high_hz, -1.0)):
+        if edge > 0.0:
+            share = np.clip(0.5 + sign * (frequency - edge) / (_TRANSITION * edge), 0.0, 1.0)
+            gain *= 0.5 - 0.5 * np.cos(np.pi * share)
+    return gain
+
+
+def in_band(samples: NDArray[np.floating], gain: NDArray[np.float64]) -> NDArray[np.floating]:
+    """Samples after the band-pass of `gain`; the ping is taken as silent before and after."""
+    n = samples.shape[-1]
+    spectrum = scipy.fft.rfft(samples, _padded(n), axis=-1)
+    return np.asarray(scipy.fft.irfft(spectrum * gain, _padded(n), axis=-1)[..., :n])
+
+
+def _padded(n_samples: int) -> int:
+    """So that the end of a ping does not ring in its beginning."""
+    return int(scipy.fft.next_fast_len(2 * n_samples, real=True))
+
+
+def mute(n_samples: int, period_s: float, t0_s: float, until_s: float, over_s: float) -> NDArray[np.float64]:
+    """Weights (n,) that are 0 up to `over_s` before the time `until_s` after emission [s] and 1 from there on."""
+    t = t0_s + np.arange(n_samples) * period_s
+    share = np.clip(1.0 - (until_s - t) / max(over_s, period_s), 0.0, 1.0)
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * share))
+
+
+def time_gain(n_samples: int, period_s: float, t0_s: float, gain_db_s: float) -> NDArray[np.float64]:
+    """Factors (n,) of a gain that is 1 at emission and grows by so many dB per second."""
+    t = t0_s + np.arange(n_samples) * period_s
+    return np.asarray(10.0 ** (gain_db_s * t / 20.0))
+
+
+class FrontEnd:
+    """The steps that the parameters ask for, on pings of one length, period and start.
+
+    Parameters
+    ----------
+    parameters : FrontEndParameters
+        Which steps.
+    magnitudes : bool
+        The samples are magnitudes, and stay so: nothing gets below 0.
+    n_samples, period_s, t0_s
+        Of every ping.
+    pulse_s : float
+        Duration of the pulse [s], over which muting fades.
+    """
+
+    def __init__(
+        self, parameters: FrontEndParameters, magnitudes: bool, n_samples: int, period_s: float, t0_s: float,
+        pulse_s: float,
+    ) -> None:
+        self._parameters, self._magnitudes = parameters, magnitudes
+        self._axis = n_samples, period_s, t0_s
+        self._pulse_s = pulse_s
+        self._gain = time_gain(*self._axis, parameters.gain_db_s) if parameters.gain_db_s else None
+        low_hz, high_hz = parameters.band_low_hz, parameters.band_high_hz
+        self._band = band_pass(n_samples, period_s, low_hz, high_hz) if low_hz or high_hz else None
+
+    def levelled(self, samples: NDArray[np.floating]) -> NDArray[np.floating]:
+        """Samples without DC and with the time's gain: their noise is still white."""
+        if self._parameters.remove_dc:
+            samples = without_dc(samples)
+        if self._gain is not None:
+            samples = samples * self._gain
+        return samples
+
+    def limited(self, samples: NDArray[np.floating], blanked_s: float) -> NDArray[np.floating]:
+        """What `levelled` gave, in the band, and silent before the time `blanked_s` after emission [s]."""
+        if self._band is not None:
+            samples = in_band(samples, self._band)
+        if self._parameters.mute_blanking:
+            samples = samples * mute(*self._axis, blanked_s, self._pulse_s)
+        return np.maximum(samples, 0.0) if self._magnitudes else samples
