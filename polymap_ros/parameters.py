@@ -168,10 +168,19 @@ class SensorParameters(Group):
     PREFIX = 'sensor.'
     x_m: float = parameter(0.0, "sensor in the robot's base frame, forward", unit='m')
     y_m: float = parameter(0.0, "sensor in the robot's base frame, left", unit='m')
+    from_tf: bool = parameter(
+        False, "take TF's place of the echo's frame_id in the odometry's child_frame_id instead of x_m and y_m (needs "
+        'tf2_ros; in a recording /tf_static)')
     baseline_x_m: float = parameter(0.0, 'from emitter to receiver, forward; the sensor is half way between them',
                                     unit='m')
     baseline_y_m: float = parameter(0.0, 'from emitter to receiver, left', unit='m')
     baseline_z_m: float = parameter(0.0, 'from emitter to receiver, up', unit='m')
+
+    def check(self) -> None:
+        for name in ('x_m', 'y_m'):
+            if self.from_tf and getattr(self, name) != 0.0:
+                raise ParameterError(f'sensor.{name}', f'{getattr(self, name)!r} says what sensor.from_tf takes from '
+                                     'TF; allowed with it: 0.0')
 
     @property
     def baseline_m(self) -> float:

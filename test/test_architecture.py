@@ -32,7 +32,7 @@ WORLDLY_CALLS = {'open', 'print', 'input', 'exec', 'eval'}
 NUMPY_FILES = {'load', 'save', 'savez', 'savez_compressed', 'savetxt', 'loadtxt', 'genfromtxt', 'fromfile', 'memmap'}
 ROS = {
     'rclpy', 'ament_index_python', 'builtin_interfaces', 'std_msgs', 'sensor_msgs', 'geometry_msgs', 'nav_msgs',
-    'visualization_msgs', 'diagnostic_msgs', 'std_srvs', 'rosgraph_msgs', 'rcl_interfaces',
+    'visualization_msgs', 'diagnostic_msgs', 'std_srvs', 'rosgraph_msgs', 'rcl_interfaces', 'tf2_ros',
 }
 PICKLES = {'pickle', 'shelve', 'marshal', 'dill', 'cloudpickle', 'joblib'}
 

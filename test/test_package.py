@@ -21,7 +21,7 @@ COMMANDS = ('polymap_node', 'polymap_replay', 'polymap_play', 'polymap_simulate'
 FROM_PIP = {'mcap', 'rosbags'}
 """Imported where a recording is read; no system package brings them."""
 
-BROUGHT_BY = {'PIL': 'python3-matplotlib', 'yaml': 'python3-yaml'}
+BROUGHT_BY = {'PIL': 'python3-matplotlib', 'yaml': 'python3-yaml', 'tf2_ros': 'tf2_ros_py'}
 
 
 def imported():

@@ -13,6 +13,7 @@ from polymap_ros.parameters import (
     MediumParameters,
     Parameters,
     PulseParameters,
+    SensorParameters,
     SolverParameters,
     specifications,
 )
@@ -114,6 +115,8 @@ def test_every_method_is_known(method):
     (lambda: PulseParameters(kind='file'), 'pulse.path'),
     (lambda: EchoParameters(type='sensor_msgs/msg/Image'), 'echo.sample_period_s'),
     (lambda: EchoParameters(type='std_msgs/msg/Float32MultiArray', sample_period_s=1e-6), 'echo.allow_unstamped'),
+    (lambda: SensorParameters(from_tf=True, x_m=0.1), 'sensor.x_m'),
+    (lambda: SensorParameters(from_tf=True, y_m=-0.1), 'sensor.y_m'),
     (lambda: GridParameters(range_step_m=2.0), 'grid.range_step_m'),
     (lambda: GridParameters(angle_min_deg=90.0, angle_max_deg=90.0), 'grid.angle_max_deg'),
     (lambda: GridParameters(angle_min_deg=-10.0, angle_max_deg=360.0), 'grid.angle_max_deg'),

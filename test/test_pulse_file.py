@@ -5,7 +5,8 @@ import pytest
 import scipy.io.wavfile
 
 from polymap_ros.errors import ParameterError
-from polymap_ros.parameters import Parameters, load_parameters
+from polymap_ros.parameter_file import load_parameters
+from polymap_ros.parameters import Parameters
 from polymap_ros.pulse_file import read_pulse
 
 SAMPLES = np.sin(np.arange(40)) * np.hanning(40)

@@ -41,6 +41,17 @@ class SpatialPose:
         n = x * x + y * y + z * z + w * w
         return 2.0 * (x * z + w * y) / n, 2.0 * (y * z - w * x) / n, (w * w - x * x - y * y + z * z) / n
 
+    def apply(self, point: Vector) -> Vector:
+        """A point given in this pose's frame, in the frame the pose is expressed in."""
+        (a, b, c), axes = point, (self.forward, self.left, self.up)
+        x, y, z = (origin + a * f + b * g + c * h for origin, f, g, h in zip(self.position, *axes, strict=True))
+        return x, y, z
+
+    def apply_inverse(self, point: Vector) -> Vector:
+        """Undo `apply`."""
+        away = _minus(point, self.position)
+        return _dot(away, self.forward), _dot(away, self.left), _dot(away, self.up)
+
 
 class Placed(NamedTuple):
     """A pose in the plane, and how far the robot is off it: height [m] and tilt [rad]."""

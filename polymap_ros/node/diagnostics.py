@@ -77,6 +77,7 @@ class Diagnostics:
         counts.update({
             'odometry': parts.odometry.received, 'echoes': parts.echoes.received, 'used': parts.mapper.counts.used,
             'behind': parts.solving.behind,
+            'odometry lost': parts.odometry.lost, 'echoes lost': parts.echoes.lost,
         })
         return counts
 
@@ -90,12 +91,20 @@ class Diagnostics:
             if each.silent:
                 reason = each.reason()
                 yield (ERROR if reason.startswith(('wrong type', 'incompatible')) else WARN), reason
+        for each, name in ((parts.odometry, 'odometry lost'), (parts.echoes, 'echoes lost')):
+            if new[name]:
+                yield WARN, (f'messages lost on {each.topic}: {new[name]} since the last look; the machine is too busy, '
+                             f'or qos_overrides.{each.topic}.subscription.depth too small')
         yield from self._drops(new)
         counts = parts.mapper.counts
-        if counts.waiting and new['echoes'] and not new['used'] and not parts.odometry.silent:
+        missing = parts.mapper.missing_frame
+        if counts.waiting and missing:
+            yield WARN, f'{counts.waiting} pings wait for TF to connect their frame {missing!r} to the odometry\'s ' \
+                        'child_frame_id (sensor.from_tf)'
+        elif counts.waiting and new['echoes'] and not new['used'] and not parts.odometry.silent:
             yield WARN, f'{counts.waiting} pings wait for odometry: is it late, or are the clocks of the two apart?'
         if new['behind']:
-            yield WARN, f'the solver is behind: the last solve took {parts.solving.solve_s:.2f} s'
+            yield WARN, f'the solver is behind: {parts.solving.pace()}'
         for problem in (parts.solving.problem, parts.saver.problem):
             if problem:
                 yield ERROR, problem

@@ -23,6 +23,7 @@ from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.publishers import Outputs
 from polymap_ros.node.saving import Saver
+from polymap_ros.node.sensor_frame import SensorFrame
 from polymap_ros.node.solving import SolveLoop
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import NODE_NAME, Parameters
@@ -63,6 +64,9 @@ class PolymapNode(Node):  # type: ignore[misc]
             self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background)
         else:
             self._mapper = PolygonMapper(parameters, pulse, self._background)
+        self._sensor_frame = SensorFrame(self) if parameters.sensor.from_tf else None
+        if self._sensor_frame is not None:
+            self._mapper.locate = self._sensor_frame
         self._latency = Latency(self._mapper)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._live = LiveParameters(self, parameters, self._apply)
@@ -101,6 +105,8 @@ class PolymapNode(Node):  # type: ignore[misc]
             self._odometry.refused += 1
             self.get_logger().warning(str(error), throttle_duration_sec=10.0)
             return
+        if self._sensor_frame is not None:
+            self._sensor_frame.base = message.child_frame_id
         newest_ns = self._mapper.newest_pose_ns
         back_s = 0.0 if newest_ns is None else (newest_ns - stamp_ns) * 1e-9
         if back_s > self._live.current.odometry.max_gap_s and frame_id == self._mapper.frame_id:

@@ -18,7 +18,9 @@ def write_outcome(
     path: Path, recording: Recording, odom_topic: str, mapper: PolygonMapper, parameters: Parameters,
     start_s: float | None = None, end_s: float | None = None,
 ) -> None:
-    """Write a bare .mcap file with the recording's odometry and the mapper's last answer, logged at the end.
+    """Write a bare .mcap file with the mapper's last answer and the recording's odometry.
+
+    The answer is logged at the start, so that whoever plays the file sees it all along.
 
     Parameters
     ----------
@@ -36,10 +38,7 @@ def write_outcome(
         The interval that was replayed [s].
     """
     with RecordingWriter(path, latched=(POLYGON, MARKERS, BEAM_MAP, MAP)) as writer:
-        log_ns = recording.start_ns
-        for entry in recording.messages([odom_topic], start_s, end_s):
-            writer.write(entry.topic, entry.message, entry.log_ns)
-            log_ns = entry.log_ns
+        log_ns = recording.start_ns + round(1e9 * (start_s or 0.0))
         estimate, frame_id, plane = mapper.estimate, mapper.frame_id, mapper.plane or XY
         stamp_ns = estimate.stamp_ns if estimate is not None else log_ns
         if estimate is not None and estimate.status == 'closed' and estimate.polygon is not None:
@@ -50,3 +49,5 @@ def write_outcome(
                 make, stamp_ns, frame_id, grid.cells, grid.resolution_m, grid.origin, plane), log_ns)
         writer.write(MARKERS, marker_array_message(make, drawing_of(mapper)), log_ns)
         writer.write(BEAM_MAP, beam_map_message(make, stamp_ns, f'{NODE_NAME}/start', mapper.beam_map.values), log_ns)
+        for entry in recording.messages([odom_topic], start_s, end_s):
+            writer.write(entry.topic, entry.message, entry.log_ns)

@@ -2,13 +2,16 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from polymap_ros.errors import PolymapError, RecordingError
 from polymap_ros.mapping.estimate import Caution
 from polymap_ros.messages.fields import Field
+
+_MCAP_MAGIC = b'\x89MCAP0\r\n'
+"""First and last bytes of an MCAP file."""
 
 _FOREVER_S = 1e9
 """Beyond any recording, and still within the 64 bits that log times have."""
@@ -221,7 +224,26 @@ def _blaming(path: Path) -> Iterator[None]:
     except PolymapError:
         raise
     except (AnyReaderError, OSError) as error:
-        raise RecordingError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
+        raise RecordingError(f'{path}: cannot be read: {_broken_mcap(path) or " ".join(str(error).split())}') from error
     except Exception as error:
         detail = f'{type(error).__name__}: {" ".join(str(error).split())}'
         raise RecordingError(f'{path}: is damaged and cannot be read ({detail})') from error
+
+
+def _broken_mcap(path: Path) -> str:
+    """What is wrong with an MCAP file of the recording, and what to do; empty where that is not it."""
+    with suppress(OSError):
+        for file in [path] if path.is_file() else sorted(path.iterdir()):
+            content = file.stat().st_size if file.suffix == '.mcap' else 0
+            if content == 0:
+                continue
+            with file.open('rb') as stream:
+                begins = stream.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
+                stream.seek(max(content - len(_MCAP_MAGIC), 0))
+                ends = stream.read() == _MCAP_MAGIC
+            if not begins:
+                return f'{file.name} is no MCAP file'
+            if not ends:
+                return (f'{file.name} has no end: it was cut off, or is still being written; stop the recorder, or '
+                        'rescue what is there with `mcap recover`')
+    return ''

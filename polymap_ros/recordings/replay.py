@@ -12,6 +12,7 @@ from polymap_ros.messages.fields import check_echo_fields
 from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Entry, Recording
+from polymap_ros.recordings.sensor_places import sensor_places
 
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
 
@@ -55,6 +56,8 @@ class Replay:
         self.odom_topic = recording.require(parameters.topics.odom, ODOMETRY_TYPE, 'topics.odom')
         self.echo_topic = recording.require(parameters.topics.echo, parameters.echo.type, 'topics.echo')
         check_echo_fields(parameters.echo, recording.fields_of)
+        if parameters.sensor.from_tf:
+            mapper.locate = sensor_places(recording, self.odom_topic)
         self.topics = (self.odom_topic, self.echo_topic)
         self.total = sum(recording.topics[topic].message_count for topic in self.topics)
         self.odometry = OdometryCounts()

@@ -11,7 +11,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from polymap_ros.commands.simulate import main
-from polymap_ros.parameters import PulseParameters, load_parameters
+from polymap_ros.parameter_file import load_parameters
+from polymap_ros.parameters import PulseParameters
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
