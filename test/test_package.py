@@ -81,4 +81,5 @@ def test_every_command_is_installed_and_has_its_own_module(command):
 def test_types_and_configuration_are_installed():
     package = importlib.resources.files('polymap_ros')
     assert (package / 'py.typed').is_file()
-    assert (package / 'config' / 'polymap.yaml').is_file()
+    for name in ('polymap.yaml', 'polymap.rviz', 'polymap.foxglove.json'):
+        assert (package / 'config' / name).is_file()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -65,7 +66,14 @@ def test_a_folder_that_is_no_recording(call, tmp_path):
 def test_a_recording_that_was_cut_off(call, triangle, tmp_path):
     whole = (triangle / 'triangle.mcap').read_bytes()
     (tmp_path / 'cut.mcap').write_bytes(whole[:len(whole) // 2])
-    assert refused(call, tmp_path, 'cut.mcap').startswith('cut.mcap: ')
+    complaint = refused(call, tmp_path, 'cut.mcap')
+    assert complaint.startswith('cut.mcap: cannot be read: cut.mcap has no end: it was cut off, or is still being')
+    assert 'mcap recover' in complaint
+    folder = shutil.copytree(triangle, tmp_path / 'drive')
+    (folder / 'triangle.mcap').write_bytes(whole[:-20])
+    assert 'drive: cannot be read: triangle.mcap has no end' in refused(call, tmp_path, 'drive')
+    (folder / 'triangle.mcap').write_bytes(b'else')
+    assert refused(call, tmp_path, 'drive').endswith('drive: cannot be read: triangle.mcap is no MCAP file')
 
 
 def test_a_truth_that_is_none(call, altered, tmp_path):

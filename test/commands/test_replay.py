@@ -88,10 +88,12 @@ def test_everything_that_can_be_asked_for(call, triangle, tmp_path):
     with AnyReader([out / 'result.mcap']) as reader:
         counts = {name: info.msgcount for name, info in reader.topics.items()}
         last = {c.topic: reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()}
+        first_ns = {c.topic: log_ns for c, log_ns, _ in reversed(list(reader.messages()))}
     with AnyReader([triangle]) as reader:
         assert counts['/odom'] == reader.topics['/odom'].msgcount
     outputs = ('/polymap_node/polygon', '/polymap_node/markers', '/polymap_node/beam_map', '/polymap_node/map')
     assert counts.keys() == {'/odom', *outputs}
+    assert {topic for topic in outputs if first_ns[topic] > first_ns['/odom']} == set()  # seen from the start
     points = last['/polymap_node/polygon'].polygon.points
     np.testing.assert_allclose([[p.x, p.y] for p in points], found['vertices'], atol=1e-6)
     assert last['/polymap_node/polygon'].header.frame_id == 'odom'
