@@ -86,6 +86,10 @@ class Plane:
         """Whether coordinates in the plane are the odometry's x and y."""
         return self.frame == XY.frame
 
+    def named(self, frame_id: str) -> str:
+        """What coordinates in the plane are said to be in."""
+        return frame_id if self.is_xy else f'the plane of the first pose in {frame_id}'
+
     @cached_property
     def axes(self) -> tuple[Vector, Vector, Vector]:
         """x, y and normal of the plane, unit vectors in the odometry's frame."""

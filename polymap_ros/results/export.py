@@ -9,8 +9,9 @@ import numpy as np
 
 from polymap_ros.errors import UsageError
 from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
+from polymap_ros.mapping.plane import XY, Plane
 from polymap_ros.results.dimensions import dimensions
-from polymap_ros.results.polygon_json import encode
+from polymap_ros.results.polygon_json import encode, plane_axes
 
 FORMATS = ('csv', 'geojson', 'dxf')
 OUTLINE, LABELS = 'POLYMAP_OUTLINE', 'POLYMAP_LABELS'
@@ -28,7 +29,7 @@ def require_ezdxf() -> None:
         raise UsageError("--export dxf needs ezdxf: pip install 'polymap_ros[export]'")
 
 
-def exported(kind: str, estimate: Estimate, frame_id: str) -> bytes | None:
+def exported(kind: str, estimate: Estimate, frame_id: str, plane: Plane = XY) -> bytes | None:
     """The content of ``polygon.<kind>``; None where there is nothing to export.
 
     Parameters
@@ -39,13 +40,15 @@ def exported(kind: str, estimate: Estimate, frame_id: str) -> bytes | None:
         In the odometry's frame. Only csv has something to say where no polygon closes: the walls that are certain.
     frame_id : str
         Name of that frame.
+    plane : Plane
+        Coordinates are those of this plane.
     """
     polygon = estimate.polygon if estimate.status == 'closed' else None
     if kind == 'csv':
         return _csv(polygon, estimate.walls) if polygon or estimate.walls else None
     if polygon is None:
         return None
-    return _geojson(polygon, estimate, frame_id) if kind == 'geojson' else _dxf(polygon)
+    return _geojson(polygon, estimate, frame_id, plane) if kind == 'geojson' else _dxf(polygon)
 
 
 def _csv(polygon: Candidate | None, walls: tuple[Edge, ...]) -> bytes:
@@ -75,7 +78,7 @@ def _cell(value: float | None) -> str:
     return '' if value is None or not np.isfinite(value) else f'{round(float(value), 9) + 0.0:.9g}'
 
 
-def _geojson(polygon: Candidate, estimate: Estimate, frame_id: str) -> bytes:
+def _geojson(polygon: Candidate, estimate: Estimate, frame_id: str, plane: Plane) -> bytes:
     """A Feature whose coordinates are metres in the odometry's frame, and say so: RFC 7946 expects WGS 84."""
     sizes = dimensions(polygon)
     ring = [[float(x), float(y)] for x, y in (*polygon.vertices, polygon.vertices[0])]
@@ -83,7 +86,8 @@ def _geojson(polygon: Candidate, estimate: Estimate, frame_id: str) -> bytes:
         'type': 'Feature',
         'geometry': {'type': 'Polygon', 'coordinates': [ring]},
         'properties': {
-            'frame_id': frame_id, 'coordinates': f'metres in the local frame {frame_id!r}, not WGS 84',
+            'frame_id': frame_id, 'coordinates': f'metres in {plane.named(frame_id)}, not WGS 84',
+            **({} if plane.is_xy else {'plane': plane_axes(plane)}),
             'method': estimate.method, 'stamp_ns': int(estimate.stamp_ns),
             'area_m2': sizes.area_m2, 'area_std_m2': _known(sizes.area_std_m2),
             'lengths_m': sizes.lengths_m.tolist(), 'length_stds_m': [*map(_known, sizes.length_stds_m)],

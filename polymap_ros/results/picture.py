@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from polymap_ros.errors import UsageError
 from polymap_ros.mapping.estimate import Edge, Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.plane import XY
 from polymap_ros.mapping.pose import Pose
 
 _TRUTH = {'color': '#d62728', 'linestyle': (0, (5, 3)), 'linewidth': 1.8}
@@ -56,7 +57,8 @@ def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.flo
     room, image = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     start = mapper.start_pose or Pose(0.0, 0.0)
     path = np.array([[sounding.x, sounding.y] for sounding in mapper.soundings], dtype=float).reshape(-1, 2)
-    _draw_room(room, mapper.frame_id, estimate, start, start.apply(path), truth)
+    frame = (mapper.plane or XY).named(mapper.frame_id or 'the odometry frame')
+    _draw_room(room, frame, estimate, start, start.apply(path), truth)
     _draw_beam_map(figure, image, mapper, estimate.moved(start.inverse()))
     figure.suptitle(_title(estimate, len(path)))
     buffer = io.BytesIO()
@@ -74,7 +76,7 @@ def _title(estimate: Estimate, pings: int) -> str:
 
 
 def _draw_room(
-    axes: Any, frame_id: str, estimate: Estimate, start: Pose, path: NDArray[np.float64],
+    axes: Any, frame: str, estimate: Estimate, start: Pose, path: NDArray[np.float64],
     truth: NDArray[np.float64] | None,
 ) -> None:
     if truth is not None:
@@ -92,7 +94,7 @@ def _draw_room(
     _number_edges(axes, estimate)
     _draw_start(axes, start)
     axes.set_aspect('equal')
-    axes.set_xlabel(f'x in {frame_id or "odometry frame"} [m]')
+    axes.set_xlabel(f'x in {frame} [m]')
     axes.set_ylabel('y [m]')
     axes.grid(color='0.92', linewidth=0.6)
     axes.set_axisbelow(True)

@@ -42,7 +42,7 @@ def polygon_document(
     closed = estimate.polygon if estimate.status == 'closed' else None
     return {
         'format': FORMAT, 'status': estimate.status, 'frame_id': frame_id,
-        **({} if plane.is_xy else {'plane': _plane(plane)}), 'stamp_ns': int(estimate.stamp_ns),
+        **({} if plane.is_xy else {'plane': plane_axes(plane)}), 'stamp_ns': int(estimate.stamp_ns),
         'method': estimate.method,
         **(_candidate(closed) if closed else {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
         'walls': [_edge(edge) for edge in estimate.walls],
@@ -58,7 +58,8 @@ def polygon_document(
     }
 
 
-def _plane(plane: Plane) -> dict[str, Any]:
+def plane_axes(plane: Plane) -> dict[str, Any]:
+    """Origin and axes of a plane in the odometry's frame."""
     x_axis, y_axis, _ = plane.axes
     rows = {'origin': plane.frame.position, 'x_axis': x_axis, 'y_axis': y_axis}
     return {name: [_number(value) for value in row] for name, row in rows.items()}

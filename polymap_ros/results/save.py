@@ -65,5 +65,5 @@ def write_results(
     if save_map:
         (stage / names.BEAM_MAP).write_bytes(beam_map_npz(mapper.beam_map, mapper.start_pose))
     for kind in exports:
-        if (content := exported(kind, estimate, mapper.frame_id)) is not None:
+        if (content := exported(kind, estimate, mapper.frame_id, mapper.plane or XY)) is not None:
             (stage / f'polygon.{kind}').write_bytes(content)

@@ -13,6 +13,7 @@ import shapely.geometry
 from polymap_ros.errors import UsageError
 from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
 from polymap_ros.mapping.lines import polygon_lines
+from polymap_ros.mapping.plane import Plane, SpatialPose
 from polymap_ros.results import export
 from polymap_ros.results.dimensions import dimensions
 
@@ -58,11 +59,19 @@ def test_geojson_is_a_polygon_in_metres():
     assert shape.exterior.is_ccw
     assert shape.equals(shapely.Polygon(CORNERS))
     found = feature['properties']
-    assert (found['frame_id'], found['coordinates']) == ('odom', "metres in the local frame 'odom', not WGS 84")
+    assert (found['frame_id'], found['coordinates']) == ('odom', 'metres in odom, not WGS 84')
     assert found['area_m2'] == pytest.approx(shape.area)
     assert found['area_std_m2'] == dimensions(ROOM).area_std_m2
     assert found['lengths_m'][1] == pytest.approx(np.hypot(0.5, 1.25))
     assert sum(found['angles_deg']) == pytest.approx(360.0)
+
+
+def test_geojson_of_a_wall_s_plane_says_where_that_is():
+    standing = Plane(SpatialPose((1.0, 2.0, 3.0), (np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))))
+    found = json.loads(export.exported('geojson', CLOSED, 'odom', standing))['properties']
+    assert found['coordinates'] == 'metres in the plane of the first pose in odom, not WGS 84'
+    assert found['plane']['origin'] == [1.0, 2.0, 3.0]
+    np.testing.assert_allclose(found['plane']['y_axis'], [0.0, 0.0, 1.0], atol=1e-12)
 
 
 def test_geojson_of_a_method_without_deviations_has_nulls():
