@@ -93,8 +93,8 @@ class Diagnostics:
                 yield (ERROR if reason.startswith(('wrong type', 'incompatible')) else WARN), reason
         for each, name in ((parts.odometry, 'odometry lost'), (parts.echoes, 'echoes lost')):
             if new[name]:
-                yield WARN, (f'messages lost on {each.topic}: {new[name]} since the last look; the machine is too busy, '
-                             f'or qos_overrides.{each.topic}.subscription.depth too small')
+                yield WARN, (f'messages lost on {each.topic}: {new[name]} since the last look; is the machine too '
+                             f'busy, or qos_overrides.{each.topic}.subscription.depth too small?')
         yield from self._drops(new)
         counts = parts.mapper.counts
         missing = parts.mapper.missing_frame

@@ -87,7 +87,7 @@ class Saver:
         self._saved_pings = mapper.counts.used
         estimate = mapper.estimate or Estimate(
             'open', parameters.solver.method, cautions=(Caution('no_answer', 'nothing has been solved yet'),))
-        return self._writer.submit(_write, mapper.twin(), estimate, parameters)
+        return self._writer.submit(write, mapper.twin(), estimate, parameters)
 
     def _finish_automatic(self, future: 'Future[Path]') -> None:
         """Keep only the newest automatic save."""
@@ -117,7 +117,7 @@ class Saver:
         return response
 
 
-def _write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Path:
+def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Path:
     """Write a twin of the mapper as a whole folder that did not exist before; return its absolute path."""
     stamp_ns = max((sounding.stamp_ns for sounding in mapper.soundings), default=0)
     parent = Path(parameters.output.dir).resolve()

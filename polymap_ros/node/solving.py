@@ -67,6 +67,7 @@ class SolveLoop:
         self._solving = False
         self._solved_pings = 0
         self._number = 0
+        self._begun_s = 0.0
         self._outcome = _Outcome(0, 0.0, '')
         self._running = threading.Event()
         self._running.set()
@@ -91,6 +92,12 @@ class SolveLoop:
         self._timer.timer_period_ns = round(period_s * 1e9)
         self._timer.reset()
 
+    def pace(self) -> str:
+        """How long the solve under way, or else the last one, takes."""
+        if self._solving:
+            return f'a solve has been under way for {time.monotonic() - self._begun_s:.2f} s'
+        return f'the last solve took {self.solve_s:.2f} s'
+
     def drop(self) -> None:
         """Drop a solve under way, which ends after its current step; the next comes in any case."""
         self._number += 1
@@ -111,7 +118,7 @@ class SolveLoop:
             self.behind += 1
             return
         self._number += 1
-        self._solving, self._solved_pings = True, used
+        self._solving, self._solved_pings, self._begun_s = True, used, time.monotonic()
         self._thread.submit(self._solve, self._number, self._mapper.twin())
 
     def _solve(self, number: int, twin: PolygonMapper) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
@@ -19,9 +20,16 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-from polymap_ros.node.factory import message_class
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.messages.outputs import echo_message, odometry_message
+from polymap_ros.node.factory import make, message_class
+from polymap_ros.simulation.scene_file import load_scene
+from polymap_ros.simulation.waveforms import simulate
 
 DEADLINE_S = 60.0
+ODOMETRY, SCAN = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/LaserScan'
+PERIOD_NS = 500_000_000
 LATCHED = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RELIABLE = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -118,6 +126,10 @@ class Peer:
 
         return newest
 
+    def until_used(self, values: Callable[[], dict[str, str]], count: int) -> None:
+        """Spin until the diagnostics say that so many pings were used."""
+        self.spin_until(lambda: values().get('pings used') == str(count), f'{count} pings used')
+
     def publisher(self, topic: str, type_name: str, qos: Any = RELIABLE, subscribers: int = 1) -> Any:
         """A publisher that has met its subscribers."""
         publisher = self.node.create_publisher(message_class(type_name), topic, qos)
@@ -133,6 +145,32 @@ class Peer:
         self.spin_until(future.done, f'no answer from {name}')
         self.node.destroy_client(client)
         return future.result()
+
+
+class Ride:
+    """Publishes pings of the triangular plate, with odometry at each and after the last."""
+
+    def __init__(self, peer: Peer, namespace: str = '') -> None:
+        scene = load_scene('triangle', None)
+        self.poses, self.samples = scene.poses, simulate(scene)
+        self.odometry = peer.publisher(f'{namespace}/odom', ODOMETRY)
+        self.echo = peer.publisher(f'{namespace}/echo', SCAN)
+
+    def publish(self, first, last, start_ns=0):
+        for k in range(first, last):
+            stamp_ns = start_ns + (k + 1) * PERIOD_NS
+            self.pose(stamp_ns, k)
+            self.ping(stamp_ns, self.samples[k])
+        self.pose(start_ns + last * PERIOD_NS + PERIOD_NS // 2, last - 1)
+
+    def pose(self, stamp_ns, k):
+        self.odometry.publish(odometry_message(make, stamp_ns, 'odom', Pose(*self.poses[k])))
+
+    def ping(self, stamp_ns, samples, **changes):
+        message = echo_message(make, Ping(stamp_ns, np.asarray(samples, np.float32), 1e-6))
+        for name, value in changes.items():
+            setattr(message, name, value)
+        self.echo.publish(message)
 
 
 @pytest.fixture(scope='module')
@@ -161,6 +199,12 @@ def peer() -> Iterator[Peer]:
     peer = Peer()
     yield peer
     peer.close()
+
+
+@pytest.fixture
+def riding(peer: Peer) -> Callable[..., Ride]:
+    """Makes rides that publish in a namespace."""
+    return lambda namespace='': Ride(peer, namespace)
 
 
 @pytest.fixture

@@ -27,40 +27,10 @@ FAST = ['-p', 'solver.period_s:=0.2']
 PERIOD_NS = 500_000_000
 
 
-class Ride:
-    """Publishes pings of the triangular plate, with odometry at each and after the last."""
-
-    def __init__(self, peer, namespace=''):
-        scene = load_scene('triangle', None)
-        self.poses, self.samples = scene.poses, simulate(scene)
-        self.odometry = peer.publisher(f'{namespace}/odom', ODOMETRY)
-        self.echo = peer.publisher(f'{namespace}/echo', SCAN)
-
-    def publish(self, first, last, start_ns=0):
-        for k in range(first, last):
-            stamp_ns = start_ns + (k + 1) * PERIOD_NS
-            self.pose(stamp_ns, k)
-            self.ping(stamp_ns, self.samples[k])
-        self.pose(start_ns + last * PERIOD_NS + PERIOD_NS // 2, last - 1)
-
-    def pose(self, stamp_ns, k):
-        self.odometry.publish(odometry_message(make, stamp_ns, 'odom', Pose(*self.poses[k])))
-
-    def ping(self, stamp_ns, samples, **changes):
-        message = echo_message(make, Ping(stamp_ns, np.asarray(samples, np.float32), 1e-6))
-        for name, value in changes.items():
-            setattr(message, name, value)
-        self.echo.publish(message)
-
-
-def used(peer, values, count):
-    peer.spin_until(lambda: values().get('pings used') == str(count), f'{count} pings used')
-
-
-def test_no_odometry_is_lost_while_it_maps_and_solves(peer, start):
+def test_no_odometry_is_lost_while_it_maps_and_solves(peer, start, riding):
     """200 Hz odometry and 10 Hz pings of 4,096 samples, reliable, the solver as busy as it can be."""
     start('--ros-args', *RELIABLE, '-p', 'solver.period_s:=0.05', '-p', 'solver.iterations:=2000')
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     samples = np.concatenate([ride.samples, ride.samples], axis=1)
     begun_s, begun_ns, poses, pings = time.monotonic(), 10**9, 0, 0
     while poses < 600:
@@ -72,15 +42,15 @@ def test_no_odometry_is_lost_while_it_maps_and_solves(peer, start):
         poses += 1
         peer.executor.spin_once(timeout_sec=0.0)
         time.sleep(max(0.0, begun_s + poses * 0.005 - time.monotonic()))
-    used(peer, values, pings)
+    peer.until_used(values, pings)
     peer.spin_until(lambda: values()['odometry received'] == str(poses), 'all odometry')
     assert values()['odometry lost'] == values()['odometry refused'] == '0'
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_signal_ends_a_busy_node_with_status_0(peer, start, number):
+def test_signal_ends_a_busy_node_with_status_0(peer, start, number, riding):
     node = start('--ros-args', *RELIABLE, *FAST)
-    ride, polygons = Ride(peer), peer.listen('/polymap_node/polygon', POLYGON)
+    ride, polygons = riding(), peer.listen('/polymap_node/polygon', POLYGON)
     ride.publish(0, 30)
     peer.spin_until(lambda: polygons, 'a polygon')
     ride.publish(30, 60)
@@ -94,12 +64,12 @@ def test_signal_while_starting_ends_with_status_0(start):
     assert not any('Traceback' in line for line in node.lines)
 
 
-def test_bad_pings_are_dropped_under_their_reason_and_counts_add_up(peer, start):
+def test_bad_pings_are_dropped_under_their_reason_and_counts_add_up(peer, start, riding):
     node = start('--ros-args', *RELIABLE)
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     good = ride.samples[0]
     ride.publish(0, 3)
-    used(peer, values, 3)
+    peer.until_used(values, 3)
     stamp = 10 * 10**9
     ride.ping(stamp, good, ranges=make(SCAN, ranges=np.ones(4, np.float32)).ranges)
     ride.ping(stamp + 1, np.full(2048, np.nan))
@@ -137,9 +107,9 @@ def best_effort():
     return QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def test_parameters_change_live_or_are_refused(peer, start):
+def test_parameters_change_live_or_are_refused(peer, start, riding):
     start('--ros-args', *RELIABLE, *FAST)
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     polygons = peer.listen('/polymap_node/polygon', POLYGON)
     ride.publish(0, 60)
     peer.spin_until(lambda: values().get('method') == 'paper', 'an answer')
@@ -163,11 +133,11 @@ def test_parameters_change_live_or_are_refused(peer, start):
     assert values()['method'] == 'rectangle'
 
 
-def test_pause_counts_pings_and_lets_odometry_go_on(peer, start):
+def test_pause_counts_pings_and_lets_odometry_go_on(peer, start, riding):
     start('--ros-args', *RELIABLE)
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     ride.publish(0, 5)
-    used(peer, values, 5)
+    peer.until_used(values, 5)
     pause = {'name': '/polymap_node/pause', 'type_name': 'std_srvs/srv/SetBool'}
     assert peer.call(**pause, data=True).success
     ride.publish(5, 8)
@@ -175,16 +145,16 @@ def test_pause_counts_pings_and_lets_odometry_go_on(peer, start):
     assert values()['message'] == 'paused'
     assert peer.call(**pause, data=False).success
     ride.publish(8, 10)
-    used(peer, values, 7)
+    peer.until_used(values, 7)
     assert values()['odometry refused'] == '0'
 
 
 @pytest.mark.parametrize(('action', 'left'), [('reset', '4'), ('ignore', '10')])
-def test_stamps_that_go_back_reset_the_map_or_are_ignored(peer, start, action, left):
+def test_stamps_that_go_back_reset_the_map_or_are_ignored(peer, start, action, left, riding):
     node = start('--ros-args', *RELIABLE, '-p', f'odometry.on_jump_back:={action}')
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     ride.publish(0, 10)
-    used(peer, values, 10)
+    peer.until_used(values, 10)
     ride.publish(0, 4)
     node.wait_for_line('odometry went back by')
     received = 4 if action == 'reset' else 14
@@ -217,24 +187,24 @@ def test_looping_recording_resets_the_map_in_simulated_time(peer, start, tmp_pat
     assert int(values()['pings received']) <= 21
 
 
-def test_saved_map_is_continued_as_if_nothing_had_happened(peer, start, tmp_path):
+def test_saved_map_is_continued_as_if_nothing_had_happened(peer, start, tmp_path, riding):
     """Save, stop, load, go on; against one uninterrupted run."""
     options = [*RELIABLE, '-p', f'output.dir:={tmp_path}']
     node = start('--ros-args', *options)
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     ride.publish(0, 10)
-    used(peer, values, 10)
+    peer.until_used(values, 10)
     first = peer.call('/polymap_node/save', TRIGGER).message
     ride.publish(10, 20)
-    used(peer, values, 20)
+    peer.until_used(values, 20)
     whole = peer.call('/polymap_node/save', TRIGGER).message
     assert node.stop() == 0
     start('--ros-args', *options, '-p', f'output.load_path:={first}/state.npz')
     polygons = peer.listen('/polymap_node/polygon', POLYGON)
     peer.spin_until(lambda: polygons, 'the polygon of the loaded map')
-    ride = Ride(peer)
+    ride = riding()
     ride.publish(10, 20)
-    used(peer, values, 20)
+    peer.until_used(values, 20)
     again = peer.call('/polymap_node/save', TRIGGER).message
     one, other = (read_state(tmp_path / folder / 'state.npz') for folder in (whole, again))
     assert one.keys() == other.keys()
@@ -242,42 +212,42 @@ def test_saved_map_is_continued_as_if_nothing_had_happened(peer, start, tmp_path
         assert np.array_equal(one[name], other[name]), name
 
 
-def test_save_that_fails_says_why_and_the_node_goes_on(peer, start, tmp_path):
+def test_save_that_fails_says_why_and_the_node_goes_on(peer, start, tmp_path, riding):
     (tmp_path / 'file').write_text('in the way')
     start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}/file')
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     ride.publish(0, 5)
-    used(peer, values, 5)
+    peer.until_used(values, 5)
     saved = peer.call('/polymap_node/save', TRIGGER)
     assert not saved.success
     assert saved.message.startswith('cannot save: ')
     ride.publish(5, 8)
-    used(peer, values, 8)
+    peer.until_used(values, 8)
 
 
-def test_autosave_keeps_the_newest_whole_map_and_saves_at_the_end(peer, start, tmp_path):
+def test_autosave_keeps_the_newest_whole_map_and_saves_at_the_end(peer, start, tmp_path, riding):
     node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}', '-p', 'output.autosave_s:=0.5')
-    values, ride = peer.diagnostics(), Ride(peer)
+    values, ride = peer.diagnostics(), riding()
     ride.publish(0, 5)
     peer.spin_until(lambda: values().get('saved'), 'an automatic save')
     ride.publish(5, 8)
-    used(peer, values, 8)
+    peer.until_used(values, 8)
     assert node.stop(signal.SIGTERM) == 0
     folders = list(tmp_path.iterdir())
     assert [folder.name for folder in folders] == [f'{8 * PERIOD_NS}-1']
     assert read_state(folders[0] / 'state.npz')['queue.counts'].tolist() == [8, 8]
 
 
-def test_two_nodes_in_two_namespaces_do_not_disturb_each_other(peer, start):
+def test_two_nodes_in_two_namespaces_do_not_disturb_each_other(peer, start, riding):
     for name in ('a', 'b'):
         qos = [option.replace('./', f'./{name}/') for option in RELIABLE]
         start('--ros-args', '-r', f'__ns:=/{name}', *qos)
     first, second = peer.diagnostics('a/polymap_node'), peer.diagnostics('b/polymap_node')
-    ride_a, ride_b = Ride(peer, '/a'), Ride(peer, '/b')
+    ride_a, ride_b = riding('/a'), riding('/b')
     ride_a.publish(0, 4)
     ride_b.publish(0, 6)
-    used(peer, first, 4)
-    used(peer, second, 6)
+    peer.until_used(first, 4)
+    peer.until_used(second, 6)
     assert peer.call('/a/polymap_node/reset', TRIGGER).success
     peer.spin_until(lambda: first()['pings used'] == '0', 'the reset')
     assert second()['pings used'] == '6'

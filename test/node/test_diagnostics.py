@@ -1,0 +1,85 @@
+"""The reasons that the diagnostics give in words are true, and what is no polygon is never published as one."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from polymap_ros.simulation.scene_file import load_scene
+from polymap_ros.simulation.waveforms import simulate
+
+RELIABLE = [part for topic in ('odom', 'echo')
+            for part in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')]
+PAPER = ['-p', 'solver.method:=paper']
+SECOND_NS = 10**9
+
+
+def says(peer, values, text):
+    peer.spin_until(lambda: text in values().get('message', ''), f'{text!r} in the diagnostics')
+    return values()
+
+
+def test_queue_overflow_and_missing_odometry(peer, start, riding):
+    node = start('--ros-args', *RELIABLE, '-p', 'odometry.queue_size:=3')
+    values, ride = peer.diagnostics(), riding()
+    ride.pose(SECOND_NS, 0)
+    peer.spin_until(lambda: values().get('odometry received') == '1', 'the pose')
+    for k in range(5):
+        ride.ping((k + 2) * SECOND_NS, ride.samples[k])
+    found = says(peer, values, 'queue_full: 3 pings wait for their odometry (odometry.queue_size)')
+    assert (found['level'], found['pings waiting'], found['pings dropped: queue_full']) == ('2', '3', '2')
+    says(peer, values, '/odom has a publisher, but no message comes any more')
+    node.wait_for_line('/odom has a publisher, but no message comes any more')
+    peer.node.destroy_publisher(ride.odometry)
+    says(peer, values, 'no publisher on /odom')
+
+
+def test_pings_older_than_the_odometry_and_within_its_gaps(peer, start, riding):
+    start('--ros-args', *RELIABLE, '-p', 'odometry.buffer_s:=20.0')
+    values, ride = peer.diagnostics(), riding()
+    for second in (90.0, 90.5, 91.0, 99.5, 100.0, 100.5):
+        ride.pose(round(second * SECOND_NS), 0)
+    peer.spin_until(lambda: values().get('odometry received') == '6', 'the poses')
+    ride.ping(10 * SECOND_NS, ride.samples[0])
+    says(peer, values, 'stale: emitted 90.500 s before the newest odometry; odometry.buffer_s keeps 20 s')
+    ride.ping(95 * SECOND_NS, ride.samples[1])
+    says(peer, values, 'pose_gap: emitted within a gap of 8.500 s')
+    ride.ping(89 * SECOND_NS, ride.samples[2])
+    says(peer, values, 'no_pose: emitted 1.000 s before the first odometry')
+    ride.ping(200 * SECOND_NS, ride.samples[3])
+    says(peer, values, '1 pings wait for odometry: is it late, or are the clocks of the two apart?')
+
+
+@pytest.mark.parametrize('method', ['evidence', 'paper'])
+def test_straight_path_is_told_and_gives_no_polygon_and_no_map(peer, start, riding, method):
+    start('--ros-args', *RELIABLE, '-p', f'solver.method:={method}', '-p', 'solver.period_s:=0.2')
+    values, ride = peer.diagnostics(), riding()
+    outputs = [peer.listen(f'/polymap_node/{name}', kind) for name, kind in (
+        ('polygon', 'geometry_msgs/msg/PolygonStamped'), ('map', 'nav_msgs/msg/OccupancyGrid'))]
+    markers = peer.listen('/polymap_node/markers', 'visualization_msgs/msg/MarkerArray')
+    scene = load_scene('triangle')
+    along = np.linspace(0.0, 1.0, 30)[:, None]
+    poses = np.hstack(((1.0 - along) * (0.3, 0.2) + along * (0.6, 0.4), np.full((30, 1), np.arctan2(0.2, 0.3))))
+    ride.poses, ride.samples = poses, simulate(dataclasses.replace(scene, poses=poses))
+    ride.publish(0, 30)
+    found = says(peer, values, 'one straight line')
+    peer.spin_until(lambda: values()['pings used'] == '30' and markers[-1:] and 'outline' not in [
+        marker.ns for marker in markers[-1].markers], 'markers of the last answer')
+    assert found['level'] == '1'
+    assert values()['status'] in ('open', 'ambiguous')
+    assert outputs == [[], []]
+
+
+def test_solver_that_is_behind_is_told(peer, start, riding):
+    start('--ros-args', *RELIABLE, *PAPER, '-p', 'solver.period_s:=0.01', '-p', 'solver.iterations:=1000000')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 10)
+    peer.until_used(values, 10)
+    ride.publish(10, 20)
+    found = says(peer, values, 'the solver is behind: a solve has been under way for ')
+    assert found['level'] == '1'
+    reset = peer.call('/polymap_node/reset', 'std_srvs/srv/Trigger')
+    assert reset.success, 'a reset does not wait for the solver'
+    peer.spin_until(lambda: values()['pings used'] == '0', 'the reset')

@@ -1,0 +1,124 @@
+"""Saves that are killed, or that the disk refuses: what was there stays whole, nothing half-written is a result."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+
+import pytest
+
+pytest.importorskip('rclpy')
+
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.node.factory import message_class
+from polymap_ros.parameters import Parameters
+from polymap_ros.results.arrays import read_state
+
+TRIGGER = 'std_srvs/srv/Trigger'
+RELIABLE = [part for topic in ('odom', 'echo')
+            for part in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')]
+RELIABLE += ['-p', 'solver.method:=paper']
+KILLS = 40
+FILES = {'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'}
+
+WRITER = """
+import os, signal, sys, time
+import numpy as np
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.node.saving import write
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.scene_file import load_scene
+from polymap_ros.simulation.waveforms import pings
+
+parameters = Parameters().replaced({'solver.method': 'paper', 'solver.iterations': 50, 'output.dir': sys.argv[1]})
+mapper, scene = PolygonMapper(parameters), load_scene('triangle')
+for pose, ping in zip(scene.poses, pings(scene)):
+    mapper.add_pose(ping.emission_ns, Pose(*pose))
+    mapper.add_ping(ping)
+estimate = mapper.solve()
+begun = time.monotonic()
+write(mapper, estimate, parameters)
+whole_s = time.monotonic() - begun
+for kill in range(int(sys.argv[2])):
+    child = os.fork()
+    if child == 0:
+        while True:
+            write(mapper, estimate, parameters)
+    time.sleep(2.0 * whole_s * (kill + 0.5) / int(sys.argv[2]))
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+"""
+
+
+def results(folder):
+    """What a user takes for results: everything but hidden names."""
+    return [path for path in folder.iterdir() if not path.name.startswith('.')]
+
+
+def assert_whole(folder):
+    assert {path.name for path in folder.iterdir()} == FILES
+    document = json.loads((folder / 'polygon.json').read_text())
+    parameters = Parameters().replaced({name: document['parameters'][name] for name in ('solver.method',)})
+    mapper = PolygonMapper.from_state(parameters, read_state(folder / 'state.npz'))
+    assert mapper.counts.used == document['pings']['used'] > 0
+    pgm_is_whole(folder / 'map.pgm')
+
+
+def pgm_is_whole(path):
+    magic, *rest = path.read_bytes().split(maxsplit=4)
+    assert magic == b'P5'
+    assert (int(rest[2]), len(rest[3])) == (255, int(rest[0]) * int(rest[1]))
+
+
+def test_kill_at_any_moment_of_a_save_leaves_whole_results_only(tmp_path):
+    subprocess.run([sys.executable, '-c', WRITER, str(tmp_path), str(KILLS)], check=True, timeout=120)
+    whole = results(tmp_path)
+    assert len(whole) > 1, 'no child got to the end of a save'
+    for folder in whole:
+        assert_whole(folder)
+
+
+def test_node_that_is_killed_leaves_the_saves_it_has_answered_for(peer, start, tmp_path, riding):
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 30)
+    peer.until_used(values, 30)
+    peer.spin_until(lambda: values().get('status') == 'closed', 'a polygon')
+    saved = peer.call('/polymap_node/save', TRIGGER)
+    client = peer.node.create_client(message_class(TRIGGER), '/polymap_node/save')
+    peer.spin_until(client.service_is_ready, 'no service')
+    client.call_async(message_class(TRIGGER).Request())
+    peer.spin_until(lambda: any(path.name.startswith('.') for path in tmp_path.iterdir()) or len(results(tmp_path)) > 1,
+                    'the second save has not begun')
+    os.killpg(node.popen.pid, signal.SIGKILL)
+    node.popen.wait()
+    assert saved.message in map(str, results(tmp_path))
+    for folder in results(tmp_path):
+        assert_whole(folder)
+    start('--ros-args', *RELIABLE, '-p', f'output.load_path:={saved.message}/state.npz')
+    peer.spin_until(lambda: values().get('pings used') == '30', 'the map to go on from')
+
+
+def test_full_disk_is_told_and_the_node_goes_on(peer, start, tmp_path, riding):
+    """No file may grow beyond 2 kB: what writing to a full disk is like."""
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 10)
+    peer.until_used(values, 10)
+    unlimited = resource.prlimit(node.popen.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(node.popen.pid, resource.RLIMIT_FSIZE, (2048, unlimited[1]))
+    refused = peer.call('/polymap_node/save', TRIGGER)
+    assert not refused.success
+    assert refused.message.startswith('cannot save: ')
+    assert 'File too large' in refused.message
+    assert list(tmp_path.iterdir()) == []
+    peer.spin_until(lambda: 'cannot save' in values()['message'], 'the reason in the diagnostics')
+    assert values()['level'] == '2'
+    ride.publish(10, 20)
+    peer.until_used(values, 20)
+    resource.prlimit(node.popen.pid, resource.RLIMIT_FSIZE, unlimited)
+    assert peer.call('/polymap_node/save', TRIGGER).success
+    peer.spin_until(lambda: 'cannot save' not in values()['message'], 'the end of the trouble')
