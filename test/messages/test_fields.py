@@ -163,6 +163,13 @@ def test_plain_bytes_are_counts():
     assert samples_of(stamped(of_rclpy), own(samples_field='image.data')).tolist() == [0.0, 128.0, 255.0]
 
 
+def test_a_stamp_may_be_anywhere():
+    taken = SimpleNamespace(sec=5, nanosec=6)
+    message = stamped(None, counts=np.array([1, -2, 3], np.int16), taken=taken)
+    ping = ping_from_message(message, 'sonar_msgs/msg/Sonar', own(stamp_field='taken'), 99)
+    assert (ping.stamp_ns, ping.frame_id, ping.samples.tolist()) == (5_000_000_006, '', [1.0, -2.0, 3.0])
+
+
 @pytest.mark.parametrize(('image', 'given', 'says'), [
     ({'beam_count': 2}, {}, '2 beams; an A-scan is one'),
     ({'data': np.zeros(5, np.uint8)}, {'samples_dtype': 'int16'}, '5 bytes of image.data are no whole number of int16'),

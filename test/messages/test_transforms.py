@@ -33,7 +33,8 @@ def matrix(place, angles):
 ARM = ((0.3, -0.1, 0.5), (0.7, 0.2, -0.4))
 TIP = ((0.0, 0.2, -0.1), (-1.1, 0.5, 0.9))
 MAST = ((-0.2, 0.0, 1.0), (2.0, -0.3, 0.1))
-ROBOT = tree(transform('base_link', 'arm', *ARM), transform('arm', 'sonar', *TIP), transform('base_link', 'mast', *MAST))
+ROBOT = tree(transform('base_link', 'arm', *ARM), transform('arm', 'sonar', *TIP),
+             transform('base_link', 'mast', *MAST))
 
 
 @pytest.mark.parametrize(('frame', 'base', 'expected'), [
