@@ -205,6 +205,10 @@ class OdometryParameters(Group):
                                     maximum=180.0)
     max_height_m: float = parameter(0.1, 'so is one of a robot lifted or lowered more than this from where it was on '
                                     'the plane at the first pose', unit='m', minimum=0.0)
+    scale: float = parameter(1.0, 'reported over true distance; poses are freed of it', above=0.0)
+    yaw_drift_deg_m: float = parameter(
+        0.0, 'turn of the reported heading per true metre travelled, counter-clockwise; poses are freed of it',
+        unit='deg/m')
     on_jump_back: str = parameter(
         'reset', 'when /clock goes back, or odometry by more than max_gap_s (bag loop): forget the map, or ignore '
         'what is older than the newest odometry (node)', choices=('reset', 'ignore'), live=True)

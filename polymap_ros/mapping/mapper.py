@@ -14,6 +14,7 @@ from polymap_ros.mapping.common_removal import CommonRemoval
 from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.free_area import FreeArea
 from polymap_ros.mapping.listening import Later, Listener, at_once
+from polymap_ros.mapping.odometry_error import OdometryCorrection, OdometryError
 from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
 from polymap_ros.mapping.plane import XY, Placed, Plane, SpatialPose
 from polymap_ros.mapping.pose import Pose
@@ -67,6 +68,8 @@ class PolygonMapper:
         Gives the sensor's place in the robot's base frame by the name of the sensor's frame, such as from TF, in place
         of `sensor.x_m` and `sensor.y_m`; None as long as it is not known, for which pings wait. It raises `BadPing` at
         the first question for a frame that it will never know.
+    tap : callable
+        Is told of every ping that is used, and of the reported pose of the base at its emission.
     missing_frame : str
         The frame that the first waiting ping waits for `locate` to know; empty where it does not.
     """
@@ -76,6 +79,7 @@ class PolygonMapper:
     ) -> None:
         self.parameters = parameters
         self.locate: Callable[[str], Pose | None] = lambda _: Pose(parameters.sensor.x_m, parameters.sensor.y_m)
+        self.tap: Callable[[Ping, Pose], None] = lambda ping, base: None
         self._quarter_m2 = (0.5 * parameters.sensor.baseline_m) ** 2
         self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
         self.reset()
@@ -84,6 +88,8 @@ class PolygonMapper:
         """Forget everything; the mapper is as new."""
         self._track = PoseTrack(self.parameters.odometry)
         self._queue = PingQueue(self._track, self.parameters.odometry.queue_size)
+        odometry = self.parameters.odometry
+        self._correction = OdometryCorrection(OdometryError(odometry.scale, odometry.yaw_drift_deg_m))
         self._common = CommonRemoval(
             self.parameters.front_end.common_pings, self._listener.pulse_s, self._listener.pulse_m)
         self.beam_map = BeamformingMap(self.parameters.grid)
@@ -106,6 +112,7 @@ class PolygonMapper:
         twin = copy.copy(self)
         twin._track = self._track.copy()
         twin._queue, twin._common = self._queue.copy(twin._track), self._common.copy()
+        twin._correction = copy.copy(self._correction)
         twin.beam_map, twin.free_area = self.beam_map.copy(), self.free_area.copy()
         twin.soundings, twin._thinning = list(self.soundings), self._thinning.copy()
         return twin
@@ -180,7 +187,8 @@ class PolygonMapper:
     def go_on(self) -> None:
         """Use the pings that have waited long enough: for odometry, the sensor's place, what was to be done `later`."""
         for ping, base in self._queue.placed(self._ready):
-            sensor = base.compose(self.locate(ping.frame_id) or Pose(0.0, 0.0))
+            self.tap(ping, base)
+            sensor = self._correction(base).compose(self.locate(ping.frame_id) or Pose(0.0, 0.0))
             self.start_pose = self.start_pose or sensor
             self._use(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
 
@@ -235,6 +243,7 @@ class PolygonMapper:
             'frame': packed_frame(self.frame_id, self.start_pose, self.plane),
             'soundings': packed_soundings(self.soundings),
             'track': self._track.state(), 'queue': self._queue.state(), 'common': self._common.state(),
+            'odometry': self._correction.state(),
             'beam_map': self.beam_map.state(), 'free_area': self.free_area.state(),
         })
 
@@ -257,7 +266,8 @@ class PolygonMapper:
             mapper.soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
             mapper._thinning = Thinning.of(mapper.soundings)
             for name, part in (('track', mapper._track), ('queue', mapper._queue), ('common', mapper._common),
-                               ('beam_map', mapper.beam_map), ('free_area', mapper.free_area)):
+                               ('odometry', mapper._correction), ('beam_map', mapper.beam_map),
+                               ('free_area', mapper.free_area)):
                 part.restore(parts[name])
         except KeyError as error:
             raise StateError(f'the state holds no {error.args[0]}') from error
