@@ -77,7 +77,7 @@ def visible_images(
     while True:
         found = np.empty((capacity, 2))
         walls = np.full((capacity, order), -1, dtype=np.int64)
-        count = trace_images_to(corners, x, y, to_x, to_y, order, found, walls)
+        count = trace_images(corners, x, y, to_x, to_y, order, 0.0, found, walls)
         if count <= capacity:
             break
         capacity = 2 * count
@@ -90,20 +90,22 @@ def visible_images(
 
 
 @kernel
-def trace_images_to(
+def trace_images(
     corners: NDArray[np.float64],
     x: float,
     y: float,
     to_x: float,
     to_y: float,
     order: int,
+    beyond: float,
     found: NDArray[np.float64],
     walls: NDArray[np.int64],
 ) -> int:
     """Write images of (x, y) that are visible from (to_x, to_y), and the walls of their paths.
 
     `found` (capacity, 2) and `walls` (capacity, order) are filled. Returns the number of images, which may exceed the
-    capacity: then only as many as fit are written.
+    capacity: then only as many as fit are written. Walls are hit up to `beyond` [m] past their ends; where that is
+    more than 0, images that coincide are not merged.
     """
     n, capacity, count = len(corners), len(found), 0
     size = 0.0
@@ -124,8 +126,14 @@ def trace_images_to(
         if depth > 1 and wall == hit[depth - 1]:
             continue
         px, py = images[depth - 1]
-        ax, ay = corners[wall]
-        bx, by = corners[(wall + 1) % n]
+        wx, wy = corners[wall]
+        ex, ey = corners[(wall + 1) % n]
+        ex, ey = ex - wx, ey - wy
+        offset = 2.0 * ((px - wx) * ey - (py - wy) * ex) / (ex * ex + ey * ey)
+        if offset >= 0.0:  # its rays cannot hit this wall from inside
+            continue
+        past = beyond / np.sqrt(ex * ex + ey * ey)
+        ax, ay, bx, by = wx - past * ex, wy - past * ey, wx + (1.0 + past) * ex, wy + (1.0 + past) * ey
         if depth > 1:
             # The beam of the parent image: to the left of its ray through (lx, ly), right of that through (ux, uy).
             lx, ly, ux, uy = beams[depth - 1]
@@ -142,11 +150,7 @@ def trace_images_to(
             if high_a < 0.0 < high_b:
                 t = high_a / (high_a - high_b)
                 bx, by = ax + t * (bx - ax), ay + t * (by - ay)
-        # Mirror the image in the wall's line; its rays enter the room through the lit part (a, b).
-        wx, wy = corners[wall]
-        ex, ey = corners[(wall + 1) % n]
-        ex, ey = ex - wx, ey - wy
-        offset = 2.0 * ((px - wx) * ey - (py - wy) * ex) / (ex * ex + ey * ey)
+        # The image mirrored in the wall's line; its rays enter the room through the lit part (a, b).
         qx, qy = px - offset * ey, py + offset * ex
         images[depth, 0], images[depth, 1] = qx, qy
         # Seen from the mirrored image the wall runs the other way round: its end comes first.
@@ -155,7 +159,7 @@ def trace_images_to(
         right = (ax - qx) * (to_y - qy) - (ay - qy) * (to_x - qx)
         if left >= -tie and right <= tie:
             twin = False
-            for m in range(min(count, capacity)):
+            for m in range(min(count, capacity) if beyond == 0.0 else 0):
                 if abs(found[m, 0] - qx) + abs(found[m, 1] - qy) <= 1e-7 * size:
                     twin = True
                     break
@@ -168,16 +172,3 @@ def trace_images_to(
         if depth < order:
             depth += 1
     return count
-
-
-@kernel
-def trace_images(
-    corners: NDArray[np.float64],
-    x: float,
-    y: float,
-    order: int,
-    found: NDArray[np.float64],
-    walls: NDArray[np.int64],
-) -> int:
-    """Do the same for a receiver at the source."""
-    return trace_images_to(corners, x, y, x, y, order, found, walls)

@@ -85,8 +85,7 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     """
     if found.wave is not None:
         wave = found.wave
-        information = search.wave.marginal_information(wave, FULL_ORDER)
-        scores = wave.scores
+        information, scores = wave.information, wave.scores
     else:
         derived = search.power.derivatives(found.model, FULL_ORDER)
         assert derived is not None

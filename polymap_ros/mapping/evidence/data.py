@@ -20,6 +20,10 @@ _UNHEARD = 1e-4
 """Share of what is heard that is left away with the end of the range axis: pings may be over before it."""
 
 
+_SOFT = 0.1
+"""Share of a cycle of range over which a wall's end is soft: what the ends of walls move by while they are found."""
+
+
 @dataclass(frozen=True, eq=False)
 class EchoData:
     """Pings as arrays.
@@ -58,6 +62,21 @@ class EchoData:
     cell_m: float
     pulse: PulseShape
     spreading: float
+
+    @property
+    def ends(self) -> NDArray[np.float64]:
+        """Emitter and receiver of each ping [m], shape (N, 4)."""
+        return np.ascontiguousarray(np.hstack((self.positions, self.positions)))
+
+    @property
+    def shortest_m(self) -> float:
+        """A cycle of range, half a wavelength [m]: a shorter edge reflects as a point does, not as a wall."""
+        return float(np.pi / self.pulse.carrier)
+
+    @property
+    def soft_m(self) -> float:
+        """How far from a wall's end a path begins to count less [m]."""
+        return _SOFT * self.shortest_m
 
     @property
     def weight(self) -> float:

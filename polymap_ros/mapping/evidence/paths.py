@@ -1,4 +1,13 @@
-"""Paths between the walls of a convex polygon given by its lines: corners, lengths and their derivatives."""
+r"""Paths between the walls of a convex polygon given by its lines: corners, lengths and their derivatives.
+
+A wall's end is soft: a path that hits it a distance s inside its end counts by w(s), which rises smoothly from 0 at
+-`soft` over one half at the end itself to 1 at `soft`, w(s) + w(-s) = 1; a path counts by the least of its hits.
+With hard ends an echo would appear or vanish whole as a wall moves by a micrometre, and the likelihood jump with it. At
+a right-angled corner two images stand in one place, each of which ends there, and together they count once, as they
+have to: twice where the angle is smaller, not at all where it is larger.
+"""
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +23,11 @@ _SHORTEST = 1e-4
 
 
 @kernel
-def corners_of(lines: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:
+def corners_of(lines: NDArray[np.float64], shortest: float = 0.0) -> tuple[bool, NDArray[np.float64]]:
     """Corners of the polygon whose edges are all of `lines` (n, 2), sorted by theta; corner i starts edge i.
 
-    The answer's first part is False where the lines bound no polygon or where one of them makes no edge of it.
+    The answer's first part is False where the lines bound no polygon or where one of them makes no edge of it, or one
+    no longer than `shortest` [m].
     """
     n = len(lines)
     corners = np.empty((n, 2))
@@ -37,67 +47,120 @@ def corners_of(lines: NDArray[np.float64]) -> tuple[bool, NDArray[np.float64]]:
         j = (i + 1) % n
         theta = lines[i, 1]
         length = (corners[j, 1] - corners[i, 1]) * np.cos(theta) - (corners[j, 0] - corners[i, 0]) * np.sin(theta)
-        if length <= _SHORTEST * size:
+        if length <= max(_SHORTEST * size, shortest):
             return False, corners
     return True, corners
 
 
-@kernel
-def path_derivatives(
-    lines: NDArray[np.float64], x: float, y: float, walls: NDArray[np.int64], order: int, out: NDArray[np.float64]
-) -> None:
-    """Derivatives of half a path's length by r and theta of each wall it hits, into out (order, 2).
+class Paths(NamedTuple):
+    """Room for the paths of one ping.
 
-    A path is shortest over its points of reflection b, so only the wall's own motion along its normal n counts:
-    half the length grows by cos(incidence) per unit of it, and b moves by dr - dtheta (b . t), t along the wall.
+    Attributes
+    ----------
+    half : ndarray, shape (capacity,)
+        Half the path's length [m].
+    weight : ndarray, shape (capacity,)
+        What the ends of its walls leave of it, in (0, 1].
+    hits : ndarray, shape (capacity,), int64
+        Number of reflections.
+    walls : ndarray, shape (capacity, order), int64
+        Walls in the order they are hit; -1 beyond `hits`.
+    slopes : ndarray, shape (capacity, order, 2)
+        Derivatives of `half` by r and theta of each of these walls.
+    images : ndarray, shape (capacity, 2)
+        Image of the emitter [m].
     """
-    px, py = np.empty(order + 1), np.empty(order + 1)
-    px[0], py[0] = x, y
-    for level in range(order):
-        r, theta = lines[walls[level]]
-        c, s = np.cos(theta), np.sin(theta)
-        step = 2.0 * (r - (px[level] * c + py[level] * s))
-        px[level + 1], py[level + 1] = px[level] + step * c, py[level] + step * s
-    bx, by = x, y
-    for level in range(order, 0, -1):
-        r, theta = lines[walls[level - 1]]
-        c, s = np.cos(theta), np.sin(theta)
-        dx, dy = px[level] - bx, py[level] - by
-        towards = dx * c + dy * s
-        step = (r - (bx * c + by * s)) / towards
-        bx, by = bx + step * dx, by + step * dy
-        cosine = towards / np.hypot(dx, dy)
-        out[level - 1, 0] = cosine
-        out[level - 1, 1] = -cosine * (by * c - bx * s)
+
+    half: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    hits: NDArray[np.int64]
+    walls: NDArray[np.int64]
+    slopes: NDArray[np.float64]
+    images: NDArray[np.float64]
+
+
+@kernel
+def room_for_paths(order: int) -> Paths:
+    """Room for paths of up to so many reflections."""
+    return Paths(np.empty(CAPACITY), np.empty(CAPACITY), np.empty(CAPACITY, np.int64),
+                 np.empty((CAPACITY, order), np.int64), np.empty((CAPACITY, order, 2)), np.empty((CAPACITY, 2)))
+
+
+@kernel
+def planes_of(lines: NDArray[np.float64]) -> NDArray[np.float64]:
+    """r, cos(theta) and sin(theta) of each line, shape (n, 3)."""
+    planes = np.empty((len(lines), 3))
+    for i in range(len(lines)):
+        planes[i, 0], planes[i, 1], planes[i, 2] = lines[i, 0], np.cos(lines[i, 1]), np.sin(lines[i, 1])
+    return planes
 
 
 @kernel
 def trace_paths(
-    corners: NDArray[np.float64],
-    x: float,
-    y: float,
-    order: int,
-    range_max: float,
-    found: NDArray[np.float64],
-    walls: NDArray[np.int64],
-    half: NDArray[np.float64],
-    hits: NDArray[np.int64],
+    planes: NDArray[np.float64], corners: NDArray[np.float64], ends: NDArray[np.float64], order: int,
+    range_max: float, soft: float, paths: Paths,
 ) -> int:
-    """Audible paths with half their length up to `range_max`: `half` and `hits` (reflections) are filled.
+    """Fill `paths` with those audible from emitter to receiver, `ends` (4,), with `half` up to `range_max`.
 
-    Returns their number; `walls` is compacted to match.
+    The walls are given by `planes_of` their lines and by their corners. Returns the number of paths.
     """
-    count = min(trace_images(corners, x, y, order, found, walls), len(found))
+    count = min(trace_images(corners, ends[0], ends[1], ends[2], ends[3], order, soft, paths.images, paths.walls),
+                len(paths.images))
+    chain = np.empty((order + 1, 2))
     kept = 0
     for m in range(count):
-        d = 0.5 * np.hypot(found[m, 0] - x, found[m, 1] - y)
+        x, y = paths.images[m, 0] - ends[2], paths.images[m, 1] - ends[3]
+        d = 0.5 * np.sqrt(x * x + y * y)
         if d > range_max:
             continue
-        half[kept] = d
-        hits[kept] = 0
+        hits = 0
         for level in range(order):
-            walls[kept, level] = walls[m, level]
-            if walls[m, level] >= 0:
-                hits[kept] += 1
-        kept += 1
+            paths.walls[kept, level] = paths.walls[m, level]
+            if paths.walls[m, level] >= 0:
+                hits += 1
+        weight = _back_traced(planes, corners, ends, hits, soft, paths.walls[kept], chain, paths.slopes[kept])
+        if weight > 0.0:
+            paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
+            kept += 1
     return kept
+
+
+@kernel
+def _back_traced(
+    planes: NDArray[np.float64], corners: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float,
+    walls: NDArray[np.int64], chain: NDArray[np.float64], slopes: NDArray[np.float64],
+) -> float:
+    """A path's weight, and the derivatives of half its length by r and theta of each wall it hits.
+
+    A path is shortest over its points of reflection b, so only the wall's own motion along its normal n counts:
+    half the length grows by cos(incidence) per unit of it, and b moves by dr - dtheta (b . t), t along the wall.
+    """
+    chain[0] = ends[:2]
+    for level in range(hits):
+        r, c, s = planes[walls[level]]
+        step = 2.0 * (r - (chain[level, 0] * c + chain[level, 1] * s))
+        chain[level + 1, 0], chain[level + 1, 1] = chain[level, 0] + step * c, chain[level, 1] + step * s
+    bx, by = ends[2], ends[3]
+    inside = np.inf
+    for level in range(hits, 0, -1):
+        wall = walls[level - 1]
+        r, c, s = planes[wall]
+        dx, dy = chain[level, 0] - bx, chain[level, 1] - by
+        towards = dx * c + dy * s
+        if towards <= 0.0:  # past the end of another wall
+            return 0.0
+        step = (r - (bx * c + by * s)) / towards
+        bx, by = bx + step * dx, by + step * dy
+        cosine = towards / np.sqrt(dx * dx + dy * dy)
+        along = by * c - bx * s
+        slopes[level - 1, 0] = cosine
+        slopes[level - 1, 1] = -cosine * along
+        end = (wall + 1) % len(corners)
+        inside = min(inside, along - (corners[wall, 1] * c - corners[wall, 0] * s),
+                     corners[end, 1] * c - corners[end, 0] * s - along)
+    if inside >= soft:
+        return 1.0
+    if inside <= -soft:
+        return 0.0
+    share = 0.5 * (inside / soft + 1.0)
+    return share * share * (3.0 - 2.0 * share)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import CAPACITY, corners_of, path_derivatives, trace_paths
+from polymap_ros.mapping.evidence.paths import corners_of, planes_of, room_for_paths, trace_paths
 
 _BACKGROUND_WIDTHS = 11.0
 """The background is a mean over all pings and this many pulse widths: far wider than an echo, narrower than the decay
@@ -73,7 +73,7 @@ class PowerLikelihood:
 
     def __call__(self, model: Model, order: int) -> float:
         """F of a model; -inf where its walls bound no polygon."""
-        closed, corners = corners_of(model.lines)
+        closed, corners = corners_of(model.lines, self.data.shortest_m)
         if not closed:
             return -np.inf
         return self._evaluate(model, corners, order, False, np.empty((0, 0)), np.empty((0, 0)))
@@ -131,7 +131,7 @@ class PowerLikelihood:
         echo with its range is left out of the gradient, which does no harm where the model fits, and the overlap of
         echoes out of the information.
         """
-        closed, corners = corners_of(model.lines)
+        closed, corners = corners_of(model.lines, self.data.shortest_m)
         if not closed:
             return None
         size = 3 * len(model.lines)
@@ -148,7 +148,7 @@ class PowerLikelihood:
                   scores: NDArray[np.float64], information: NDArray[np.float64]) -> float:
         data = self.data
         return float(_power_likelihood(
-            model.lines, corners, data.positions, order, data.range_max_m, data.cell_m, data.pulse.power,
+            model.lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, data.pulse.power,
             data.pulse.step_m, 2.0 * data.spreading, np.exp(model.loss), data.power, data.gain, model.strength,
             model.background, data.first_cell, data.weight, derive, self.explained, scores, information))
 
@@ -165,9 +165,10 @@ class PowerLikelihood:
 def _power_likelihood(
     lines: NDArray[np.float64],
     corners: NDArray[np.float64],
-    positions: NDArray[np.float64],
+    ends: NDArray[np.float64],
     order: int,
     range_max: float,
+    soft: float,
     cell: float,
     shape: NDArray[np.float64],
     shape_step: float,
@@ -185,19 +186,18 @@ def _power_likelihood(
     information: NDArray[np.float64],
 ) -> float:
     n_pings, n_cells = power.shape
-    found, walls = np.empty((CAPACITY, 2)), np.empty((CAPACITY, order), np.int64)
-    half, hits = np.empty(CAPACITY), np.empty(CAPACITY, np.int64)
-    a = np.empty(CAPACITY)
-    slopes = np.empty((order, 2))
+    paths, planes = room_for_paths(order), planes_of(lines)
+    half, hits, walls = paths.half, paths.hits, paths.walls
+    a = np.empty(len(half))
     index, factor = np.empty(3 * order, np.int64), np.empty(3 * order)
     reach = (len(shape) - 1) * shape_step
     total = 0.0
     for i in range(n_pings):
-        count = trace_paths(corners, positions[i, 0], positions[i, 1], order, range_max, found, walls, half, hits)
+        count = trace_paths(planes, corners, ends[i], order, range_max, soft, paths)
         row = explained[i]
         row[:] = 0.0
         for m in range(count):
-            a[m] = gain[i] * half[m] ** -decay
+            a[m] = gain[i] * half[m] ** -decay * paths.weight[m] ** 2
             for level in range(hits[m]):
                 a[m] *= reflected[walls[m, level]]
         for m in range(count):  # a path and its reverse add in phase
@@ -242,7 +242,6 @@ def _power_likelihood(
                     bend += weight * (by_range / t) ** 2
                     rise += difference * by_loss
                     spread += weight * (by_loss / t) ** 2
-            path_derivatives(lines, positions[i, 0], positions[i, 1], walls[m], hits[m], slopes)
             for level in range(hits[m]):
                 wall = 3 * walls[m, level]
                 scores[i, wall + 2] += rise
@@ -250,7 +249,7 @@ def _power_likelihood(
                     information[wall + 2, 3 * walls[m, other] + 2] += spread
                 for axis in range(2):
                     index[2 * level + axis] = wall + axis
-                    factor[2 * level + axis] = slopes[level, axis]
+                    factor[2 * level + axis] = paths.slopes[m, level, axis]
             for u in range(2 * hits[m]):
                 scores[i, index[u]] += slope * factor[u]
                 for v in range(2 * hits[m]):

@@ -49,6 +49,12 @@ FULL_ORDER = 5
 _CUTS = (0.15, 0.3, 0.6)
 """Shares of the shorter edge that a silent wall is tried to take away at a corner."""
 
+_EXCHANGED = 3
+"""Edges, those worth least, for which others are tried."""
+
+_LEAST_REFLECTION = 1e-3
+"""Reflection coefficient of a wall that is silent, where a logarithm is needed."""
+
 _ROUNDS = 20
 _CERTAIN_ODDS = 2.2
 """Log odds of a likelihood of 0.9."""
@@ -106,7 +112,7 @@ class Search:
         subset = self.heard.lines
         for line in (None, *candidates.lines):
             subset = subset if line is None else np.vstack((subset, line))
-            lines = active(subset)
+            lines = active(subset, self.data.shortest_m)
             if len(lines):
                 self._start.strength = strength
                 return self._start.with_lines(lines)
@@ -180,7 +186,7 @@ class Search:
         return pool[best[gains[best] > _LEAST_CHORD]]
 
     def _with_line(self, model: Model, line: NDArray[np.float64]) -> Model | None:
-        lines = active(np.vstack((model.lines, line)))
+        lines = active(np.vstack((model.lines, line)), self.data.shortest_m)
         if len(lines) == 0:
             return None
         kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
@@ -232,13 +238,18 @@ class Search:
         if wave is None or wave.value < _COHERENT * score:
             model = yield from self.improve(model, FULL_ORDER, residual=True)
             return self._judged(model, None)
+        return (yield from self._settled(model, wave))
+
+    def _settled(self, model: Model, wave: Wave) -> Generator[None, None, Found | None]:
+        """Single changes of the waveform while they are worth it."""
         for _ in range(_ROUNDS):
             yield
             changed = yield from self._dropped(wave)
-            if changed is None and self._explained(wave) < _ALL_EXPLAINED:
+            explained = self._explained(wave)
+            if changed is None and explained < _ALL_EXPLAINED + self.uncertainty:
                 changed = yield from self._slipped(wave)
-                if changed is None:
-                    changed = yield from self._added(model, wave)
+            if changed is None and explained < _ALL_EXPLAINED:
+                changed = yield from self._added(model, wave)
             if changed is None:
                 break
             wave = changed
@@ -300,14 +311,13 @@ class Search:
     def _aligned(self, model: Model) -> Wave | None:
         """The waveform's maximum near a refined power model, from the first order up."""
         reflection, phase = self.wave.signs(model.lines, model.loss)
-        wave = None
-        lines = model.lines
-        for order in (1, 3, FULL_ORDER):
-            wave = self.wave.refine(lines, reflection, phase, order)
-            if wave is None:
-                return None
-            lines, reflection, phase = wave.lines, wave.reflection, wave.phase
-        return wave
+        wave = self.wave.refine(model.lines, reflection, phase, 1)
+        if wave is None:
+            return None
+        turned = (self.wave.refine(wave.lines, sign * wave.reflection, wave.phase + turn, _SEARCH_ORDER)
+                  for sign, turn in ((1.0, 0.0), (-1.0, np.pi)))  # echoes of even order tell these apart
+        wave = max((each for each in turned if each is not None), key=lambda each: each.value, default=None)
+        return wave and self.wave.refine(wave.lines, wave.reflection, wave.phase, FULL_ORDER)
 
     def _dropped(self, wave: Wave) -> Generator[None, None, Wave | None]:
         """The best waveform with one edge fewer, if it is worth more."""
@@ -346,35 +356,110 @@ class Search:
         """The best waveform with one edge more, proposed by what the waveform leaves unexplained."""
         if len(wave.lines) >= self._max_edges:
             return None
-        residual = self.wave.residual_power(wave, FULL_ORDER)
-        left = dataclasses.replace(self.data, power=residual)
-        expected = np.maximum(np.mean(residual, axis=0, keepdims=True), 1.0)
-        base = model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection)))
-        score = self.power.fit_nuisances(base, _SEARCH_ORDER)
+        left = dataclasses.replace(self.data, power=self.wave.residual_power(wave, FULL_ORDER))
+        expected = np.maximum(np.mean(left.power, axis=0, keepdims=True), 1.0)
+        base = self._base(model, wave)
         _, corners = corners_of(wave.lines)
+        lines = strongest_chords(left, expected, base.strength, corners, _CHORDS)
+        return (yield from self._with_another(base, lines, wave.value - PRICE * len(wave.lines)))
+
+    def mended(self, found: Found) -> Generator[None, None, Found | None]:
+        """Exchange one of the edges that are worth least, or add one, by trying every line in their place.
+
+        The last resort: a wall that no ping hears directly is proposed by nothing else.
+        """
+        wave = found.wave
+        if wave is None:
+            return None
+        bases = []
+        for wall in range(len(wave.lines)):
+            yield
+            bases.append(self._taken_away(wave, wall))
+        worth = sorted((base for base in bases if base is not None), key=lambda base: -base.value)
+        for other in (*worth[:_EXCHANGED], wave):
+            base = self._base(found.model, other)
+            lines = yield from self._scan(base)
+            changed = yield from self._with_another(base, lines, found.value)
+            if changed is not None:
+                return (yield from self._settled(found.model, changed))
+        return None
+
+    def _base(self, model: Model, wave: Wave) -> Model:
+        """The walls of a waveform as a model of power."""
+        base = model.with_lines(wave.lines, 2.0 * np.log(np.maximum(np.abs(wave.reflection), _LEAST_REFLECTION)))
+        self.power.fit_nuisances(base, _SEARCH_ORDER)
+        return base
+
+    def _scan(self, base: Model) -> Generator[None, None, NDArray[np.float64]]:
+        """Lines that cut the polygon, a pulse's width apart in r and over the path: those with the most power."""
+        width = self.data.pulse.width_m
+        _, corners = corners_of(base.lines)
+        theta = np.arange(-np.pi, np.pi, 2.0 * width / self.data.extent_m)
+        rows = []
+        for angle in theta:
+            yield
+            normal = np.array([np.cos(angle), np.sin(angle)])
+            low = float(np.max(self.data.positions @ normal))
+            high = min(float(np.max(corners @ normal)), low + self.data.range_max_m / 2.0)
+            trials = ((r, self._with_line(base, np.array([r, angle]))) for r in np.arange(low + width / 2.0, high, width))
+            rows += [(self.power(trial, 2), r, angle) for r, trial in trials if trial is not None]
+        best: list[tuple[float, float, float]] = []
+        for value, r, angle in sorted(rows, reverse=True):
+            if len(best) == _CHORDS:
+                break
+            turn = theta[1] - theta[0]
+            if all(abs(r - other) > 2.5 * width or abs(np.angle(np.exp(1j * (angle - at)))) > 2.5 * turn
+                   for _, other, at in best):
+                best.append((value, r, angle))
+        return np.array([(r, angle) for _, r, angle in best]).reshape(-1, 2)
+
+    def _taken_away(self, wave: Wave, wall: int) -> Wave | None:
+        """The waveform without a wall; where nothing closes without it, it is moved beyond hearing and silent."""
+        fewer = without_wall(self.wave, wave, wall)
+        if fewer is not None:
+            return fewer
+        lines, reflection = wave.lines.copy(), wave.reflection.copy()
+        lines[wall, 0] += self.data.range_max_m
+        reflection[wall] = 0.0
+        return self.wave.evaluate(lines, reflection, wave.phase, FULL_ORDER, derive=False)
+
+    def _with_another(
+        self, base: Model, lines: NDArray[np.float64], value: float
+    ) -> Generator[None, None, Wave | None]:
+        """The best waveform with one of `lines` added to a base, if it is worth more than `value`."""
+        score = self.power(base, _SEARCH_ORDER)
         refined = []
-        for line in strongest_chords(left, expected, base.strength, corners, _CHORDS):
+        for line in lines:
             trial = self._with_line(base, line)
-            if trial is None or not np.isfinite(self.power(trial, _SEARCH_ORDER)):
+            if trial is None or len(trial.lines) > self._max_edges or not np.isfinite(self.power(trial, _SEARCH_ORDER)):
                 continue
             yield
             trial, _ = self.power.refine(trial, 2, 3)
             refined.append(self.power.refine(trial, _SEARCH_ORDER, 4))
-        for trial, value in sorted(refined, key=lambda entry: -entry[1])[:2]:
-            if value < score + PRICE:
+        for trial, power in sorted(refined, key=lambda entry: -entry[1])[:2]:
+            if power < score + PRICE:
                 break
             yield
             more = self._aligned(self.power.refine(trial, FULL_ORDER, 6)[0])
-            if more is not None and more.value - PRICE * (len(more.lines) - len(wave.lines)) > wave.value:
+            if more is not None and more.value - PRICE * len(more.lines) > value + 1.0:
                 return more
         return None
 
 
-def active(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The lines that make an edge of their polygon, sorted by theta; none where they bound none."""
-    _, _, which = edges_of(np.ascontiguousarray(lines))
-    chosen = lines[which]
-    return chosen[np.argsort(chosen[:, 1], kind='stable')]
+def active(lines: NDArray[np.float64], shortest_m: float) -> NDArray[np.float64]:
+    """The lines that make an edge of their polygon, sorted by theta; none where they bound none.
+
+    Of edges no longer than `shortest_m`, the shortest is taken away first.
+    """
+    while True:
+        _, along, which = edges_of(np.ascontiguousarray(lines))
+        lines = lines[which]
+        if len(lines) == 0:
+            return lines
+        lengths = np.linalg.norm(along, axis=1)
+        if lengths.min() > shortest_m:
+            return lines[np.argsort(lines[:, 1], kind='stable')]
+        lines = np.delete(lines, np.argmin(lengths), 0)
 
 
 def without_wall(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> Wave | None:

@@ -10,27 +10,31 @@ v_i = sum_mn b_m b_n Re psi(d_m - d_n),
 
     L = sum_i A_i u_i - A_i^2 v_i / 2   =   sum_i max(u_i, 0)^2 / (2 v_i)   at the best A_i.
 
-The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m;
-the Fisher information A^2 sum_mn b_m b_n (-Re psi'')(d_m - d_n) J_m J_n gives the step and the covariance.
+The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m, J:
+with x_i = sum_m b_m c_i'(d_m) J_m and p_i = sum_mn b_m b_n Re psi'(d_m - d_n) J_m, a ping's score is
+A Re[exp(-j phi) x_i] - A^2 p_i, and its Fisher information A^2 (sum_mn b_m b_n (-Re psi'')(d_m - d_n) J_m J_n^T
+- p_i p_i^T / v_i), the second term being what A_i, which follows the walls, takes of it. One pass over the pings gives
+all of these for any amplitudes and any phase.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import CAPACITY, corners_of, path_derivatives, trace_paths
+from polymap_ros.mapping.evidence.paths import Paths, corners_of, planes_of, room_for_paths, trace_paths
 
 _LOSS_DEVIATION = 0.35
 """Prior standard deviation of ln |rho| about 0, as in `power`."""
 
+_CONVERGED = 0.01
+"""Nats that are not worth another step: a seventh of a standard deviation."""
+
 _LEAST_KNOWN = 1e-3
 """Share of the information about the walls that the phase leaves at least."""
-
-_TURN = 1e-4
-"""Turn of the phase [rad] for a derivative by differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +54,9 @@ class Wave:
     value : float
         L, with the prior of the losses.
     scores : ndarray, shape (N, 3 n)
-        Gradient of each ping's share of L by (r, theta, ln |rho|) of each wall.
+        Gradient of each ping's share of L by (r, theta, ln |rho|) of each wall, without the prior; empty if not derived.
     information : ndarray, shape (3 n, 3 n)
-        Fisher information of the same.
+        Fisher information of the same with the prior, the amplitudes and the device's phase marginalised.
     """
 
     lines: NDArray[np.float64]
@@ -74,7 +78,8 @@ class WaveformLikelihood:
         """Signed reflection coefficients and the device's phase, from the first-order echoes alone.
 
         The phase that all walls share up to their signs maximises Re[exp(-2 j phi) sum_k s_k^2], s_k the
-        sum of wall k's echoes; phi + pi with all signs turned is the same device, and the majority is positive.
+        sum of wall k's echoes. The majority is positive: phi + pi with all signs turned gives the same echoes of odd
+        order, and only those of even order tell which it is.
         """
         sums = np.array([self._first_order(line) for line in lines])
         phase = 0.5 * float(np.angle(np.sum(sums**2))) if np.any(sums) else 0.0
@@ -98,21 +103,26 @@ class WaveformLikelihood:
         derive: bool = True,
     ) -> Wave | None:
         """L and its derivatives at given walls, sorted by theta; None where they bound no polygon."""
-        closed, corners = corners_of(lines)
+        closed, corners = corners_of(lines, self.data.shortest_m)
         if not closed:
             return None
-        u, v, scores, information = self._sums(lines, corners, order, reflection, None)
-        v = np.maximum(v, 1e-300)
+        sums = self._sums(lines, corners, order, reflection, derive)
+        v = np.maximum(sums.v, 1e-300)
         for _ in range(2):  # pings that disagree have no say in the phase
-            agreeing = np.maximum(np.real(u * np.exp(-1j * phase)), 0.0)
+            agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
             if np.any(agreeing):
-                phase = float(np.angle(np.sum(u * agreeing / v)))
-        amplitudes = np.maximum(np.real(u * np.exp(-1j * phase)), 0.0) / v
+                phase = float(np.angle(np.sum(sums.u * agreeing / v)))
+        amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
         loss = np.log(np.maximum(np.abs(reflection[reflection != 0.0]), 1e-6))
         value = float(np.sum(0.5 * amplitudes**2 * v)) - 0.5 * float(np.sum(loss**2)) / _LOSS_DEVIATION**2
-        if derive:
-            *_, scores, information = self._sums(
-                lines, corners, order, reflection, amplitudes * np.exp(1j * phase))
+        if not derive:
+            return Wave(lines, reflection, phase, amplitudes, value, np.empty((0, 0)), np.empty((0, 0)))
+        turned = (amplitudes * np.exp(-1j * phase))[:, None] * sums.x
+        scores = turned.real - amplitudes[:, None] ** 2 * sums.p
+        own = (amplitudes / np.sqrt(v))[:, None] * sums.p
+        information = np.tensordot(amplitudes**2, sums.information, 1) - own.T @ own
+        information = _with_phase(_with_prior(information, reflection), turned.imag.sum(axis=0) * (
+            np.repeat(reflection, 3) != 0.0), float(np.sum(amplitudes**2 * v)))
         return Wave(lines, reflection, phase, amplitudes, value, scores, information)
 
     def refine(
@@ -124,8 +134,10 @@ class WaveformLikelihood:
         for _ in range(iterations):
             if wave is None:
                 return None
-            step = self._step(wave, order)
-            for _ in range(6):
+            step, expected = _step(wave)
+            if expected < _CONVERGED:
+                return wave
+            for _ in range(3):
                 trial = self._moved(wave, step, order)
                 if trial is not None and trial.value > wave.value:
                     break
@@ -133,31 +145,9 @@ class WaveformLikelihood:
             else:
                 return wave
             gain, wave = trial.value - wave.value, trial
-            if gain < 0.01:
+            if gain < _CONVERGED:
                 break
         return wave
-
-    def _step(self, wave: Wave, order: int) -> NDArray[np.float64]:
-        """Gauss-Newton step (n, 3) in r, theta and ln |rho|, with the phase following the walls.
-
-        Walls that all move by the same r change little but the phase: at a phase held fast the steps are far too short.
-        """
-        gradient, _ = self.penalised(wave)
-        return np.asarray(np.linalg.solve(self.marginal_information(wave, order), gradient).reshape(-1, 3), dtype=float)
-
-    def penalised(self, wave: Wave) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Gradient and Fisher information of L with the prior of the losses; what is not heard is held fast."""
-        gradient, information = wave.scores.sum(axis=0), wave.information.copy()
-        loss = np.log(np.maximum(np.abs(wave.reflection), 1e-6))
-        gradient[2::3] -= loss / _LOSS_DEVIATION**2
-        size = len(gradient)
-        information[range(2, size, 3), range(2, size, 3)] += 1.0 / _LOSS_DEVIATION**2
-        quiet = np.repeat(wave.reflection == 0.0, 3) | (np.diag(information) <= 0.0)
-        gradient[quiet], information[quiet], information[:, quiet] = 0.0, 0.0, 0.0
-        information[quiet, quiet] = 1.0
-        diagonal = np.diag(information)
-        information[range(size), range(size)] += 1e-6 * diagonal
-        return gradient, information
 
     def _moved(self, wave: Wave, step: NDArray[np.float64], order: int) -> Wave | None:
         lines = wave.lines + step[:, :2]
@@ -166,36 +156,17 @@ class WaveformLikelihood:
         by_angle = np.argsort(lines[:, 1], kind='stable')
         return self.evaluate(np.ascontiguousarray(lines[by_angle]), reflection[by_angle], wave.phase, order)
 
-    def marginal_information(self, wave: Wave, order: int) -> NDArray[np.float64]:
-        """Fisher information of the walls with the device's phase, which trades against all ranges, marginalised."""
-        closed, corners = corners_of(wave.lines)
-        _, information = self.penalised(wave)
-        if not closed:
-            return information
-        turn = np.exp(1j * (wave.phase + _TURN))
-        turned = self._sums(wave.lines, corners, order, wave.reflection, wave.amplitudes * turn)
-        cross = (wave.scores - turned[2]).sum(axis=0) / _TURN
-        cross[np.repeat(wave.reflection == 0.0, 3)] = 0.0
-        # Where the echoes fit badly, the difference may claim more than the walls know; they keep a little of it.
-        taken = float(cross @ np.linalg.solve(information, cross))
-        phase = max(float(np.sum(wave.amplitudes**2 * turned[1])), taken / (1.0 - _LEAST_KNOWN), 1e-300)
-        return information - np.outer(cross, cross) / phase
-
     def _sums(
         self, lines: NDArray[np.float64], corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64],
-        amplitudes: NDArray[np.complex128] | None,
-    ) -> tuple[NDArray[np.complex128], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """u_i, v_i and, where amplitudes are given, each ping's gradient and the Fisher information."""
+        derive: bool,
+    ) -> '_Sums':
         data, pulse = self.data, self.data.pulse
-        n, pings = len(lines), len(data.positions)
-        u, v = np.zeros(pings, complex), np.zeros(pings)
-        scores, information = np.zeros((pings, 3 * n)), np.zeros((3 * n, 3 * n))
-        _waveform_likelihood(
-            lines, corners, data.positions, order, data.range_max_m, data.signal, pulse.step_m, pulse.carrier,
-            pulse.baseband, pulse.curvature, data.spreading, reflection,
-            np.zeros(pings, complex) if amplitudes is None else amplitudes, amplitudes is not None, u, v, scores,
-            information)
-        return u, v, scores, information
+        pings, size = len(data.positions), 3 * len(lines) if derive else 0
+        sums = _Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
+                     np.zeros((pings, size)), np.zeros((pings, size, size)))
+        _add_up(lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.signal, pulse.step_m,
+                pulse.carrier, pulse.baseband, pulse.curvature, data.spreading, reflection, derive, sums)
+        return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
         """Half the squared magnitude of what the waveform leaves, on the cells of `data.power`."""
@@ -205,9 +176,59 @@ class WaveformLikelihood:
         cells = np.arange(data.power.shape[1])
         heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
         predicted = np.zeros_like(heard, dtype=complex)
-        _predict(wave.lines, corners, data.positions, order, data.range_max_m, data.cell_m, pulse.step_m, pulse.carrier,
-                 pulse.baseband, data.spreading, wave.reflection, wave.amplitudes * np.exp(1j * wave.phase), predicted)
-        return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + data.filling[:, None])
+        _predict(wave.lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, pulse.step_m,
+                 pulse.carrier, pulse.baseband, data.spreading, wave.reflection, wave.amplitudes * np.exp(1j * wave.phase), predicted)
+        return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
+
+
+def gradient(wave: Wave) -> NDArray[np.float64]:
+    """Gradient (3 n,) of L with the prior of the losses; what is not heard is held fast."""
+    slope = wave.scores.sum(axis=0)
+    slope[2::3] -= np.log(np.maximum(np.abs(wave.reflection), 1e-6)) / _LOSS_DEVIATION**2
+    slope[np.repeat(wave.reflection == 0.0, 3)] = 0.0
+    return slope
+
+
+def _step(wave: Wave) -> tuple[NDArray[np.float64], float]:
+    """Gauss-Newton step (n, 3) in r, theta and ln |rho|, and what L is expected to gain by it."""
+    slope, information = gradient(wave), wave.information.copy()
+    full = np.zeros(len(slope), np.bool_)
+    full[2::3] = (np.abs(wave.reflection) >= 1.0) & (slope[2::3] > 0.0)  # no wall reflects more than all
+    slope[full], information[full], information[:, full] = 0.0, 0.0, 0.0
+    information[full, full] = 1.0
+    step = np.linalg.solve(information, slope)
+    return step.reshape(-1, 3), 0.5 * float(slope @ step)
+
+
+def _with_prior(information: NDArray[np.float64], reflection: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Fisher information with the prior of the losses and, where a wall is not heard, 1."""
+    size = len(information)
+    information[range(2, size, 3), range(2, size, 3)] += 1.0 / _LOSS_DEVIATION**2
+    quiet = np.repeat(reflection == 0.0, 3) | (np.diag(information) <= 0.0)
+    information[quiet], information[:, quiet] = 0.0, 0.0
+    information[quiet, quiet] = 1.0
+    information[range(size), range(size)] *= 1.0 + 1e-6
+    return information
+
+
+def _with_phase(information: NDArray[np.float64], cross: NDArray[np.float64], phase: float) -> NDArray[np.float64]:
+    """Fisher information with the device's phase marginalised, which trades against all ranges.
+
+    Without it, walls that all move by the same r would seem to change little, and the steps be far too short.
+    """
+    # Where the echoes fit badly, the cross term may claim more than the walls know; they keep a little of it.
+    taken = float(cross @ np.linalg.solve(information, cross))
+    return information - np.outer(cross, cross) / max(phase, taken / (1.0 - _LEAST_KNOWN), 1e-300)
+
+
+class _Sums(NamedTuple):
+    """u (N,), v (N,), x (N, 3 n), p (N, 3 n) and the Fisher information (N, 3 n, 3 n) at amplitude 1, of the module."""
+
+    u: NDArray[np.complex128]
+    v: NDArray[np.float64]
+    x: NDArray[np.complex128]
+    p: NDArray[np.float64]
+    information: NDArray[np.float64]
 
 
 @kernel
@@ -223,21 +244,21 @@ def _cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
 
 
 @kernel
-def _amplitude(half: float, spreading: float, hits: int, walls: NDArray[np.int64],
-               reflection: NDArray[np.float64]) -> float:
-    b: float = half**-spreading
-    for level in range(hits):
-        b *= reflection[walls[level]]
+def _amplitude(paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64]) -> float:
+    b: float = paths.weight[m] * paths.half[m] ** -spreading
+    for level in range(paths.hits[m]):
+        b *= reflection[paths.walls[m, level]]
     return b
 
 
 @kernel
-def _waveform_likelihood(
+def _add_up(
     lines: NDArray[np.float64],
     corners: NDArray[np.float64],
-    positions: NDArray[np.float64],
+    ends: NDArray[np.float64],
     order: int,
     range_max: float,
+    soft: float,
     signal: NDArray[np.complex64],
     step: float,
     carrier: float,
@@ -245,89 +266,121 @@ def _waveform_likelihood(
     curvature: NDArray[np.complex128],
     spreading: float,
     reflection: NDArray[np.float64],
-    amplitudes: NDArray[np.complex128],
     derive: bool,
-    u: NDArray[np.complex128],
-    v: NDArray[np.float64],
-    scores: NDArray[np.float64],
-    information: NDArray[np.float64],
+    sums: _Sums,
 ) -> None:
-    found, walls = np.empty((CAPACITY, 2)), np.empty((CAPACITY, order), np.int64)
-    half, hits = np.empty(CAPACITY), np.empty(CAPACITY, np.int64)
-    b, slopes = np.empty(CAPACITY), np.empty((CAPACITY, order, 2))
+    """Fill the sums of every ping."""
+    paths, planes = room_for_paths(order), planes_of(lines)
+    capacity, size = len(paths.half), sums.x.shape[1]
+    b, slopes, spread = np.empty(capacity), np.empty((capacity, size)), np.empty((capacity, 4 * size // 3))
     reach = (len(baseband) - 5) * step
-    for i in range(len(positions)):
-        count = trace_paths(corners, positions[i, 0], positions[i, 1], order, range_max, found, walls, half, hits)
-        strength = abs(amplitudes[i]) ** 2
+    for i in range(len(ends)):
+        count = trace_paths(planes, corners, ends[i], order, range_max, soft, paths)
         for m in range(count):
-            b[m] = _amplitude(half[m], spreading, hits[m], walls[m], reflection)
-            if derive:
-                path_derivatives(lines, positions[i, 0], positions[i, 1], walls[m], hits[m], slopes[m])
-        nearest = np.argsort(half[:count])
-        u[i], v[i] = 0.0, 0.0
+            b[m] = _amplitude(paths, m, spreading, reflection) if paths.half[m] >= 2.0 * step else 0.0
+        nearest = np.argsort(paths.half[:count])
+        if derive:
+            _gather_slopes(paths, count, slopes)
+            spread[:count] = 0.0
         for q in range(count):
             m = nearest[q]
-            d = half[m]
-            if b[m] == 0.0 or d < 2.0 * step:
+            d = paths.half[m]
+            if b[m] == 0.0:
                 continue
             value, rate = _cubic(signal[i], d / step)
-            turn = np.exp(2j * carrier * d)
-            u[i] += b[m] * value * turn
-            near, near_slope = b[m], 0.0
-            for direction in (-1, 1):
-                p = q + direction
-                while 0 <= p < count:
-                    other = nearest[p]
-                    lag = d - half[other]
-                    if abs(lag) > reach:
-                        break
-                    psi, psi_rate = _cubic(baseband, abs(lag) / step + 2.0)
-                    wave = np.exp(2j * carrier * abs(lag))
-                    near += b[other] * (psi * wave).real
-                    sign = 1.0 if lag > 0.0 else -1.0
-                    near_slope += sign * b[other] * ((psi_rate / step + 2j * carrier * psi) * wave).real
-                    if derive and direction < 0:
-                        bend, _ = _cubic(curvature, abs(lag) / step + 2.0)
-                        pair = -strength * b[m] * b[other] * (bend * wave).real
-                        both = strength * b[m] * b[other] * (psi * wave).real
-                        for s in range(hits[m]):
-                            for t in range(hits[other]):
-                                w, x = 3 * walls[m, s], 3 * walls[other, t]
-                                for k in range(2):
-                                    for l in range(2):
-                                        h = pair * slopes[m, s, k] * slopes[other, t, l]
-                                        information[w + k, x + l] += h
-                                        information[x + l, w + k] += h
-                                information[w + 2, x + 2] += both
-                                information[x + 2, w + 2] += both
-                    p += direction
-            v[i] += b[m] * near
-            if not derive:
-                continue
-            heard_slope = (np.conj(amplitudes[i]) * (rate / step + 2j * carrier * value) * turn).real
-            slope = b[m] * (heard_slope - strength * near_slope)
-            rise = b[m] * ((np.conj(amplitudes[i]) * value * turn).real - strength * near)
-            bend_self = -strength * b[m] * b[m] * curvature[2].real
-            for s in range(hits[m]):
-                w = 3 * walls[m, s]
-                scores[i, w] += slope * slopes[m, s, 0]
-                scores[i, w + 1] += slope * slopes[m, s, 1]
-                scores[i, w + 2] += rise
-                for t in range(hits[m]):
-                    x = 3 * walls[m, t]
-                    for k in range(2):
-                        for l in range(2):
-                            information[w + k, x + l] += bend_self * slopes[m, s, k] * slopes[m, t, l]
-                    information[w + 2, x + 2] += strength * b[m] * b[m]
+            turn = b[m] * np.exp(2j * carrier * d)
+            sums.u[i] += value * turn
+            sums.v[i] += b[m] * b[m]
+            if derive:
+                _add_heard(sums, i, slopes[m], (rate / step + 2j * carrier * value) * turn, value * turn)
+                _add_pair(sums, i, slopes[m], slopes[m], spread[m], -curvature[2].real * b[m] ** 2, 0.0, b[m] ** 2)
+            for p in range(q - 1, -1, -1):
+                other = nearest[p]
+                lag = d - paths.half[other]
+                if lag > reach:
+                    break
+                psi, psi_rate = _cubic(baseband, lag / step + 2.0)
+                wave = b[m] * b[other] * np.exp(2j * carrier * lag)
+                both = (psi * wave).real
+                sums.v[i] += 2.0 * both
+                if derive:
+                    slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
+                    bend = -(_cubic(curvature, lag / step + 2.0)[0] * wave).real
+                    _add_pair(sums, i, slopes[m], slopes[other], spread[m], bend, slope, both)
+                    _add_pair(sums, i, slopes[other], slopes[m], spread[other], bend, -slope, both)
+        if derive:
+            for m in range(count):
+                _add_information(sums.information[i], slopes[m], spread[m])
+
+
+@kernel
+def _gather_slopes(paths: Paths, count: int, slopes: NDArray[np.float64]) -> None:
+    """Derivatives of each path's half length by r and theta, and of ln |b| by ln |rho|, of every wall."""
+    for m in range(count):
+        slopes[m] = 0.0
+        for level in range(paths.hits[m]):
+            w = 3 * paths.walls[m, level]
+            slopes[m, w] += paths.slopes[m, level, 0]
+            slopes[m, w + 1] += paths.slopes[m, level, 1]
+            slopes[m, w + 2] += 1.0
+
+
+@kernel
+def _add_heard(sums: _Sums, i: int, slopes: NDArray[np.float64], by_range: complex, by_loss: complex) -> None:
+    """A path's share of x."""
+    for w in range(0, len(slopes), 3):
+        sums.x[i, w] += by_range * slopes[w]
+        sums.x[i, w + 1] += by_range * slopes[w + 1]
+        sums.x[i, w + 2] += by_loss * slopes[w + 2]
+
+
+@kernel
+def _add_pair(
+    sums: _Sums, i: int, slopes: NDArray[np.float64], other: NDArray[np.float64], spread: NDArray[np.float64],
+    bend: float, slope: float, both: float,
+) -> None:
+    """An ordered pair of paths' share of p, and the other one's in the row `spread` of the first.
+
+    The information is the sum over paths of `slopes` times that row: of ranges with ranges by the bend of psi, of ranges
+    with losses by its slope, and of losses with losses by psi itself, which has a place of its own at the row's end.
+    """
+    n = len(slopes) // 3
+    for k in range(n):
+        w = 3 * k
+        sums.p[i, w] += slope * slopes[w]
+        sums.p[i, w + 1] += slope * slopes[w + 1]
+        sums.p[i, w + 2] += both * slopes[w + 2]
+        spread[w] += bend * other[w]
+        spread[w + 1] += bend * other[w + 1]
+        spread[w + 2] += slope * other[w + 2]
+        spread[3 * n + k] += both * other[w + 2]
+
+
+@kernel
+def _add_information(information: NDArray[np.float64], slopes: NDArray[np.float64], spread: NDArray[np.float64]) -> None:
+    n = len(slopes) // 3
+    for k in range(n):
+        if slopes[3 * k + 2] == 0.0:  # a wall that is not hit
+            continue
+        for w in (3 * k, 3 * k + 1):
+            for x in range(n):
+                information[w, 3 * x] += slopes[w] * spread[3 * x]
+                information[w, 3 * x + 1] += slopes[w] * spread[3 * x + 1]
+                crossed = slopes[w] * spread[3 * x + 2]
+                information[w, 3 * x + 2] += crossed
+                information[3 * x + 2, w] += crossed
+        for x in range(n):
+            information[3 * k + 2, 3 * x + 2] += slopes[3 * k + 2] * spread[3 * n + x]
 
 
 @kernel
 def _predict(
     lines: NDArray[np.float64],
     corners: NDArray[np.float64],
-    positions: NDArray[np.float64],
+    ends: NDArray[np.float64],
     order: int,
     range_max: float,
+    soft: float,
     cell: float,
     step: float,
     carrier: float,
@@ -337,13 +390,13 @@ def _predict(
     amplitudes: NDArray[np.complex128],
     out: NDArray[np.complex128],
 ) -> None:
-    found, walls = np.empty((CAPACITY, 2)), np.empty((CAPACITY, order), np.int64)
-    half, hits = np.empty(CAPACITY), np.empty(CAPACITY, np.int64)
+    paths, planes = room_for_paths(order), planes_of(lines)
+    half = paths.half
     reach = (len(baseband) - 5) * step
-    for i in range(len(positions)):
-        count = trace_paths(corners, positions[i, 0], positions[i, 1], order, range_max, found, walls, half, hits)
+    for i in range(len(ends)):
+        count = trace_paths(planes, corners, ends[i], order, range_max, soft, paths)
         for m in range(count):
-            b = amplitudes[i] * _amplitude(half[m], spreading, hits[m], walls[m], reflection)
+            b = amplitudes[i] * _amplitude(paths, m, spreading, reflection)
             low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
             for j in range(max(low, 0), min(high, out.shape[1] - 1) + 1):
                 lag = j * cell - half[m]
