@@ -41,6 +41,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--end', type=float, metavar='S', help='leave out what was logged from S seconds on')
     parser.add_argument('--plot', action='store_true',
                         help='write polygon.png: the mapped room beside the beamforming map')
+    parser.add_argument('--plot-signals', action='store_true',
+                        help='write signals.png: the pings as received, after each step of the front end, and as heard')
     parser.add_argument('--record', action='store_true',
                         help='write result.mcap: the odometry and all outputs, for Foxglove or RViz')
     parser.add_argument('--export', action='append', default=[], choices=('csv', 'geojson', 'dxf'), dest='exports',
@@ -57,7 +59,7 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
                          'message')
     folders = _folders(arguments.recordings, arguments.output or Path(parameters.output.dir))
-    if arguments.plot:
+    if arguments.plot or arguments.plot_signals:
         from polymap_ros.results.picture import require_matplotlib
 
         require_matplotlib()
@@ -87,10 +89,11 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
     from polymap_ros.mapping.comparison import compare
     from polymap_ros.recordings.outcome import write_outcome
     from polymap_ros.recordings.reading import Recording
-    from polymap_ros.recordings.replay import Replay
+    from polymap_ros.recordings.replay import Replay, some_pings
     from polymap_ros.recordings.truth import read_truth
-    from polymap_ros.results.folder import RECORD, result_folder
+    from polymap_ros.results.folder import RECORD, SIGNALS, result_folder
     from polymap_ros.results.save import write_results
+    from polymap_ros.results.signal_picture import signals_png
     from polymap_ros.results.summary import summary
 
     began_s = time.monotonic()
@@ -110,6 +113,9 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
         with result_folder(folder) as stage:
             write_results(stage, mapper, estimate, parameters, cautions=cautions, truth=truth,
                           plot=arguments.plot, save_map=arguments.save_map, exports=arguments.exports)
+            if arguments.plot_signals:
+                pings = some_pings(recording, replay.echo_topic, parameters, *interval_s)
+                (stage / SIGNALS).write_bytes(signals_png(mapper, pings))
             if arguments.record:
                 write_outcome(stage / RECORD, recording, replay.odom_topic, mapper, parameters, *interval_s)
     closed = estimate.polygon if estimate.status == 'closed' else None

@@ -75,21 +75,22 @@ class CommonRemoval:
     def finish(self) -> list[PlacedPing]:
         """No more pings will come: what waits comes out."""
         waiting, self._waiting = self._waiting, []
-        return [(self._cleaned(ping), place) for ping, place in waiting]
+        return [(self.cleaned(ping), place) for ping, place in waiting]
 
-    def _cleaned(self, ping: Ping) -> Ping:
+    def cleaned(self, ping: Ping) -> Ping:
+        """The ping less what is known to be in common; the ping itself where nothing is."""
         if not self._known or _shape(ping) != _shape(self._compared[0][0]):
             return ping
         if self._common is None:
             window = max(round(self._pulse_s / ping.period_s), 1)
             self._common = common_part(np.array([each.samples for each, _ in self._compared]), window)
-        samples = without_common(ping.samples, self._common).astype(ping.samples.dtype)
+        samples = without_common(ping.samples, self._common).astype(ping.samples.dtype, copy=False)
         return dataclasses.replace(ping, samples=samples)
 
     @property
     def _known(self) -> bool:
         """Whether there are pings enough, and they spread in every direction."""
-        if len(self._compared) < min(LEAST_PINGS, self._size):
+        if self._size == 0 or len(self._compared) < LEAST_PINGS:
             return False
         places = _places(self._compared)
         return bool(np.linalg.eigvalsh(np.cov(places.T))[0] > self._pulse_m**2)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -16,6 +17,7 @@ from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.acoustics.ranging import closest_range
 from polymap_ros.errors import BadPing
 from polymap_ros.mapping.pulse_shape import PulseShape
+from polymap_ros.mapping.signals import Signals
 from polymap_ros.parameters import Parameters
 
 MAX_SAMPLES = 1 << 20
@@ -151,6 +153,20 @@ class Listener:
         if self._parameters.front_end.flat_spreading:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
         return Heard(echo, envelope, rho, noise)
+
+    def signals(self, ping: Ping, cleaned: Ping) -> Signals:
+        """What `hear` makes of a ping, and what was made of it before."""
+        _, _, front_end = self._filter(ping)
+        levelled = front_end.levelled(cleaned.samples)
+        limited = front_end.limited(levelled, self._blanked_s(ping))
+        steps = [('as received', ping.samples), ('without what is common', cleaned.samples),
+                 ('without DC, with gain over time', levelled), ('in the band, blanking muted', limited)]
+        changed = [after for before, after in pairwise(steps) if after[1] is not before[1]]
+        time_s = ping.t0_s + np.arange(ping.samples.size) * ping.period_s
+        heard = self.hear(cleaned)
+        centre_s = self._pulse(ping.period_s).centre_s
+        return Signals((steps[0], *changed), time_s, 0.5 * self._speed_m_s * (time_s - centre_s), self._ranges_m,
+                       np.abs(heard.echo[::self.fold]) / heard.noise, heard.rho, self._blanking_m(ping))
 
     @property
     def pulse_s(self) -> float:

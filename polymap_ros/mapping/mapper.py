@@ -19,6 +19,7 @@ from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
 from polymap_ros.mapping.plane import XY, Placed, Plane, SpatialPose
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
+from polymap_ros.mapping.signals import Signals
 from polymap_ros.mapping.solver import Evidence
 from polymap_ros.mapping.solvers import make_solver
 from polymap_ros.mapping.sounding import Sounding
@@ -206,6 +207,11 @@ class PolygonMapper:
         located = self.locate(ping.frame_id) is not None
         self.missing_frame = '' if located else ping.frame_id
         return located and self._listener.ready(ping)
+
+    def signals(self, ping: Ping) -> Signals:
+        """What would be made of a ping now, step by step, to be looked at; `BadPing` if it cannot be used."""
+        self._listener.check(ping)
+        return self._listener.signals(ping, self._common.cleaned(ping))
 
     def solve(self) -> Estimate:
         """Solve from what has been heard so far; the answer is in the odometry's frame."""

@@ -2,8 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 
+from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadOdometry, BadPing, RecordingError
 from polymap_ros.mapping.estimate import Caution
 from polymap_ros.mapping.mapper import PolygonMapper
@@ -133,3 +136,16 @@ class Replay:
             reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
             raise RecordingError(f'{path}: none of the {self.odometry.received} messages of {self.odom_topic} can be '
                                  f'used ({reasons}); a finite pose and a unit quaternion are needed')
+
+
+def some_pings(
+    recording: Recording, topic: str, parameters: Parameters, start_s: float | None, end_s: float | None,
+    at_most: int = 200,
+) -> list[Ping]:
+    """Pings spread evenly over a recording, those that cannot be read left out."""
+    step = max(1, -(-recording.topics[topic].message_count // at_most))
+    pings = []
+    for entry in islice(recording.messages([topic], start_s, end_s), 0, None, step):
+        with suppress(BadPing):
+            pings.append(ping_from_message(entry.message, entry.type_name, parameters.echo, entry.log_ns))
+    return pings

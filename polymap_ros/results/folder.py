@@ -7,9 +7,9 @@ from pathlib import Path
 from polymap_ros.atomic import move_into_place, staging
 
 POLYGON, STATE, MAP_IMAGE, MAP_YAML = 'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'
-PICTURE, BEAM_MAP, RECORD = 'polygon.png', 'beam_map.npz', 'result.mcap'
+PICTURE, SIGNALS, BEAM_MAP, RECORD = 'polygon.png', 'signals.png', 'beam_map.npz', 'result.mcap'
 EXPORTS = 'polygon.csv', 'polygon.geojson', 'polygon.dxf'
-NAMES = (STATE, MAP_IMAGE, MAP_YAML, PICTURE, BEAM_MAP, RECORD, *EXPORTS, POLYGON)
+NAMES = (STATE, MAP_IMAGE, MAP_YAML, PICTURE, SIGNALS, BEAM_MAP, RECORD, *EXPORTS, POLYGON)
 
 
 @contextmanager

@@ -245,3 +245,9 @@ def test_a_reader_of_the_summary_may_leave(start, triangle, tmp_path):
     assert b'Error' not in err
     assert (tmp_path / 'out' / 'triangle' / 'polygon.json').exists()
     assert (tmp_path / 'out' / 'bare' / 'polygon.json').exists()
+
+
+def test_the_signals_are_drawn_on_request(call, triangle, tmp_path):
+    pytest.importorskip('matplotlib')
+    assert call('replay', triangle, '--output', 'out', '--plot-signals', '-p', 'solver.method:=rectangle').status == 0
+    assert (tmp_path / 'out' / 'signals.png').read_bytes().startswith(b'\x89PNG')

@@ -150,3 +150,11 @@ def test_variants_differ_from_the_plain_scene_as_their_name_says(name):
     }.get(name, not np.allclose(scene.vertices, plain.vertices))
     assert changed == (name != 'plate')
     assert VARIANTS[name].tolerance_m == (0.01 if name.startswith('air') else 0.003)
+
+
+def test_clutter_hides_the_room_until_it_is_taken_out():
+    scene = VARIANTS['clutter'].make(4, 4)
+    [hidden] = run_trials(scene, ['evidence'], Parameters())
+    [found] = run_trials(scene, ['evidence'], Parameters().replaced({'front_end.common_pings': 32}))
+    assert (hidden.right, hidden.flagged) == (False, True)
+    assert (found.right, found.flagged) == (True, False)
