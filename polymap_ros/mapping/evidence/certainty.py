@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.mapping.evidence.power import Model
-from polymap_ros.mapping.evidence.search import FULL_ORDER, PRICE, Found, Search, without_wall
+from polymap_ros.mapping.evidence.power_search import PRICE
+from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search, without_wall
 from polymap_ros.mapping.evidence.waveform import Wave
 
 _OBVIOUS = 400.0

@@ -1,7 +1,7 @@
-"""The search: from candidate lines to the polygon, by the power likelihood first and the waveform's last."""
+"""The whole search: the polygon that power finds, put right by the waveform's likelihood."""
 
 import dataclasses
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
@@ -9,34 +9,13 @@ from numpy.typing import NDArray
 
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
-from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
-from polymap_ros.mapping.evidence.proposals import (
-    Candidates,
-    annealed_subset,
-    chord_evidence,
-    first_strength,
-    foot_evidence,
-    run_evidence,
-    strongest_chords,
-    strongest_lines,
-)
+from polymap_ros.mapping.evidence.power import Model
+from polymap_ros.mapping.evidence.power_search import CHORDS, PRICE, ROUNDS, SEARCH_ORDER, PowerSearch
+from polymap_ros.mapping.evidence.proposals import strongest_chords
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
-from polymap_ros.mapping.lines import edges_of
 
-PRICE = 17.0
-"""Nats that one more edge has to bring: its Occam factor, the prior range over the posterior width in r and theta,
-ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi). A false-alarm rate of 1e-3 over the map's cells gives 18."""
-
-POOL = 100
-_CHORDS = 12
-"""Lines proposed at a time to cut the polygon."""
-
-_LEAST_CHORD = -2.0
-"""Evidence from which a cut is tried: at -10 dB a short edge's own feet bring as little, its higher orders the rest."""
-
-_ANNEALING = 20_000
-_SEARCH_ORDER = 3
-"""Orders 1 and 2 hold a third of the truth's log likelihood in a lossless plate; 3 is what the search can afford."""
+FULL_ORDER = 5
+"""Orders of reflection that the waveform explains."""
 
 _COHERENT = 0.2
 """Share of the power's log likelihood below which the waveform's says that phases are not to be trusted; with them the
@@ -45,7 +24,6 @@ waveform is worth more than the power, and with a wrong edge in it still more th
 _ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
-FULL_ORDER = 5
 _CUTS = (0.15, 0.3, 0.6)
 """Shares of the shorter edge that a silent wall is tried to take away at a corner."""
 
@@ -54,13 +32,6 @@ _EXCHANGED = 3
 
 _LEAST_REFLECTION = 1e-3
 """Reflection coefficient of a wall that is silent, where a logarithm is needed."""
-
-_ROUNDS = 20
-_CERTAIN_ODDS = 2.2
-"""Log odds of a likelihood of 0.9."""
-
-
-Steps = Generator[None, None, Model]
 
 
 class Found(NamedTuple):
@@ -82,138 +53,19 @@ class Found(NamedTuple):
         return self.model.lines if self.wave is None else self.wave.lines
 
 
-class Search:
-    """One search over the pings of `data`; its methods are generators that yield often, so that it can be sliced."""
+class Search(PowerSearch):
+    """A search that ends with the waveform, if `coherent`, and with power alone otherwise."""
 
     def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True) -> None:
-        self.data = data
-        self._coherent = coherent
-        self.power = PowerLikelihood(data)
+        super().__init__(data, max_edges, generator)
         self.wave = WaveformLikelihood(data)
-        self._max_edges = max_edges
-        self._generator = generator
-        self._start = self.power.initial(0.0)
-        self._expected = 1.0 + self._start.background[None, :]
-        self.pool = np.empty((0, 2))
-        self.heard = Candidates(self.pool, np.empty(0))
-
-    def starts(self) -> Iterator[Model | None]:
-        """Closed polygons to start from, each found by annealing at another assumed strength; None: none closes."""
-        strength = first_strength(self.data, self._expected)
-        for factor in (1.0, 2.0, 4.0, 0.5):
-            yield self.start(factor * strength)
-
-    def start(self, strength: float) -> Model | None:
-        """Anneal over subsets of the strongest lines; None where all lines together bound no polygon."""
-        candidates = strongest_lines(self.data, self._expected, strength, POOL)
-        self.pool = candidates.lines
-        chosen = self.choose(candidates, strength)
-        self.heard = Candidates(candidates.lines[chosen], candidates.evidence[chosen])
-        subset = self.heard.lines
-        for line in (None, *candidates.lines):
-            subset = subset if line is None else np.vstack((subset, line))
-            lines = active(subset, self.data.shortest_m)
-            if len(lines):
-                self._start.strength = strength
-                return self._start.with_lines(lines)
-        return None
-
-    def choose(
-        self, candidates: Candidates, strength: float, iterations: int = _ANNEALING
-    ) -> NDArray[np.int64]:
-        """The subset of candidates with the most first-order evidence at an assumed strength."""
-        evidence = foot_evidence(self.data, self._expected, strength)
-        return annealed_subset(
-            self.data, candidates, evidence, PRICE, self._max_edges, iterations, self._generator)
+        self._coherent = coherent
 
     def polygon(self, start: Model) -> Generator[None, None, Found | None]:
         """Improve a start by single changes: power of two orders, then of three, then the waveform of five."""
         model = yield from self.improve(start, 2, residual=False)
-        model = yield from self.improve(model, _SEARCH_ORDER, residual=True)
+        model = yield from self.improve(model, SEARCH_ORDER, residual=True)
         return (yield from self.settle(model))
-
-    def improve(self, model: Model, order: int, residual: bool) -> Steps:
-        """Add, drop and exchange edges while the power likelihood less its price grows."""
-        model, score = self.power.refine(model, order, 6)
-        score -= PRICE * len(model.lines)
-        for _ in range(_ROUNDS):
-            yield
-            trials = self._changes(model, order, residual)
-            best = None
-            for trial, quick in trials[:4]:
-                yield
-                refined, value = self.power.refine(trial, order, 4)
-                value -= PRICE * len(refined.lines)
-                if value > score + 1.0 and (best is None or value > best[1]):
-                    best = refined, value
-                    if quick > score + 20.0:
-                        break
-            if best is None:
-                break
-            model, score = best
-        return model
-
-    def _changes(self, model: Model, order: int, residual: bool) -> list[tuple[Model, float]]:
-        """Single changes of a model with their unrefined scores, best first."""
-        self.power.fit_nuisances(model, order)
-        expected = self.power.expected(model)
-        pool = self.pool
-        if residual:
-            _, corners = corners_of(model.lines)
-            pool = np.vstack((strongest_chords(self.data, expected, model.strength, corners, _CHORDS), pool))
-        trials = [self._with_line(model, line) for line in self._promising(model, expected, pool, _CHORDS)]
-        for wall in range(len(model.lines)):
-            fewer = model.without(wall)
-            if np.isfinite(self.power(fewer, order)):
-                trials.append(fewer)
-                trials += [self._with_line(fewer, line)
-                           for line in self._promising(fewer, self.power.expected(fewer), pool, 2)]
-            else:  # nothing closes without it: exchange it for lines that face the same way
-                turn = np.abs(np.angle(np.exp(1j * (pool[:, 1] - model.lines[wall, 1]))))
-                trials += [self._with_line(fewer, line) for line in pool[turn < 1.0][:12]]
-        scored = [(trial, self.power(trial, order) - PRICE * len(trial.lines))
-                  for trial in trials if trial is not None and len(trial.lines) <= self._max_edges]
-        return sorted((entry for entry in scored if np.isfinite(entry[1])), key=lambda entry: -entry[1])
-
-    def _promising(
-        self, model: Model, expected: NDArray[np.float64], pool: NDArray[np.float64], most: int
-    ) -> NDArray[np.float64]:
-        """Lines of the pool with the most unexplained first-order evidence where they cut the polygon."""
-        _, corners = corners_of(model.lines)
-        evidence = foot_evidence(self.data, expected, model.strength)
-        gains = chord_evidence(pool, corners, self.data.positions, evidence, self.data.cell_m)
-        best = np.argsort(-gains, kind='stable')[:most]
-        return pool[best[gains[best] > _LEAST_CHORD]]
-
-    def _with_line(self, model: Model, line: NDArray[np.float64]) -> Model | None:
-        lines = active(np.vstack((model.lines, line)), self.data.shortest_m)
-        if len(lines) == 0:
-            return None
-        kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
-        return model.with_lines(lines, np.array([kept.get(tuple(entry), 0.0) for entry in lines.tolist()]))
-
-    def certain_walls(self) -> list[tuple[NDArray[np.float64], float]]:
-        """Lines heard at first order with their evidence, each echo counted for the strongest of them only."""
-        data = self.data
-        expected = np.broadcast_to(self._expected, data.power.shape).copy()
-        cells = data.cell_m * np.arange(data.power.shape[1])
-        walls = []
-        for line in self.heard.lines[np.argsort(-self.heard.evidence, kind='stable')]:
-            evidence = run_evidence(data, expected, self._start.strength, line)
-            if evidence < PRICE + _CERTAIN_ODDS:
-                continue
-            walls.append((line, evidence))
-            distance = line[0] - data.positions @ np.array([np.cos(line[1]), np.sin(line[1])])
-            near = np.abs(cells - distance[:, None]) < 2.0 * data.pulse.width_m
-            expected = np.where(near, np.maximum(expected, data.power), expected)
-        return walls
-
-    @property
-    def uncertainty(self) -> float:
-        """Three standard deviations of the share explained, which noise alone makes uncertain."""
-        cells = self.data.power[:, self.data.first_cell:]
-        excess = max(float(np.sum(cells - 1.0)), 1e-300)
-        return 3.0 * float(np.sqrt(2.0 * cells.size / self.data.weight)) / excess
 
     def again(self, last: Found) -> Generator[None, None, Found | None]:
         """The last answer, refined on the pings of today."""
@@ -242,7 +94,7 @@ class Search:
 
     def _settled(self, model: Model, wave: Wave) -> Generator[None, None, Found | None]:
         """Single changes of the waveform while they are worth it."""
-        for _ in range(_ROUNDS):
+        for _ in range(ROUNDS):
             yield
             changed = yield from self._dropped(wave)
             explained = self._explained(wave)
@@ -314,7 +166,7 @@ class Search:
         wave = self.wave.refine(model.lines, reflection, phase, 1)
         if wave is None:
             return None
-        turned = (self.wave.refine(wave.lines, sign * wave.reflection, wave.phase + turn, _SEARCH_ORDER)
+        turned = (self.wave.refine(wave.lines, sign * wave.reflection, wave.phase + turn, SEARCH_ORDER)
                   for sign, turn in ((1.0, 0.0), (-1.0, np.pi)))  # echoes of even order tell these apart
         wave = max((each for each in turned if each is not None), key=lambda each: each.value, default=None)
         return wave and self.wave.refine(wave.lines, wave.reflection, wave.phase, FULL_ORDER)
@@ -360,7 +212,7 @@ class Search:
         expected = np.maximum(np.mean(left.power, axis=0, keepdims=True), 1.0)
         base = self._base(model, wave)
         _, corners = corners_of(wave.lines)
-        lines = strongest_chords(left, expected, base.strength, corners, _CHORDS)
+        lines = strongest_chords(left, expected, base.strength, corners, CHORDS)
         return (yield from self._with_another(base, lines, wave.value - PRICE * len(wave.lines)))
 
     def mended(self, found: Found) -> Generator[None, None, Found | None]:
@@ -387,7 +239,7 @@ class Search:
     def _base(self, model: Model, wave: Wave) -> Model:
         """The walls of a waveform as a model of power."""
         base = model.with_lines(wave.lines, 2.0 * np.log(np.maximum(np.abs(wave.reflection), _LEAST_REFLECTION)))
-        self.power.fit_nuisances(base, _SEARCH_ORDER)
+        self.power.fit_nuisances(base, SEARCH_ORDER)
         return base
 
     def _scan(self, base: Model) -> Generator[None, None, NDArray[np.float64]]:
@@ -401,11 +253,13 @@ class Search:
             normal = np.array([np.cos(angle), np.sin(angle)])
             low = float(np.max(self.data.positions @ normal))
             high = min(float(np.max(corners @ normal)), low + self.data.range_max_m / 2.0)
-            trials = ((r, self._with_line(base, np.array([r, angle]))) for r in np.arange(low + width / 2.0, high, width))
-            rows += [(self.power(trial, 2), r, angle) for r, trial in trials if trial is not None]
+            for r in np.arange(low + width / 2.0, high, width):
+                trial = self._with_line(base, np.array([r, angle]))
+                if trial is not None:
+                    rows.append((self.power(trial, 2), float(r), float(angle)))
         best: list[tuple[float, float, float]] = []
         for value, r, angle in sorted(rows, reverse=True):
-            if len(best) == _CHORDS:
+            if len(best) == CHORDS:
                 break
             turn = theta[1] - theta[0]
             if all(abs(r - other) > 2.5 * width or abs(np.angle(np.exp(1j * (angle - at)))) > 2.5 * turn
@@ -427,15 +281,15 @@ class Search:
         self, base: Model, lines: NDArray[np.float64], value: float
     ) -> Generator[None, None, Wave | None]:
         """The best waveform with one of `lines` added to a base, if it is worth more than `value`."""
-        score = self.power(base, _SEARCH_ORDER)
+        score = self.power(base, SEARCH_ORDER)
         refined = []
         for line in lines:
             trial = self._with_line(base, line)
-            if trial is None or len(trial.lines) > self._max_edges or not np.isfinite(self.power(trial, _SEARCH_ORDER)):
+            if trial is None or len(trial.lines) > self._max_edges or not np.isfinite(self.power(trial, SEARCH_ORDER)):
                 continue
             yield
             trial, _ = self.power.refine(trial, 2, 3)
-            refined.append(self.power.refine(trial, _SEARCH_ORDER, 4))
+            refined.append(self.power.refine(trial, SEARCH_ORDER, 4))
         for trial, power in sorted(refined, key=lambda entry: -entry[1])[:2]:
             if power < score + PRICE:
                 break
@@ -444,22 +298,6 @@ class Search:
             if more is not None and more.value - PRICE * len(more.lines) > value + 1.0:
                 return more
         return None
-
-
-def active(lines: NDArray[np.float64], shortest_m: float) -> NDArray[np.float64]:
-    """The lines that make an edge of their polygon, sorted by theta; none where they bound none.
-
-    Of edges no longer than `shortest_m`, the shortest is taken away first.
-    """
-    while True:
-        _, along, which = edges_of(np.ascontiguousarray(lines))
-        lines = lines[which]
-        if len(lines) == 0:
-            return lines
-        lengths = np.linalg.norm(along, axis=1)
-        if lengths.min() > shortest_m:
-            return lines[np.argsort(lines[:, 1], kind='stable')]
-        lines = np.delete(lines, np.argmin(lengths), 0)
 
 
 def without_wall(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> Wave | None:

@@ -11,8 +11,9 @@ from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.power_search import PRICE
 from polymap_ros.mapping.evidence.proposals import Candidates
-from polymap_ros.mapping.evidence.search import PRICE, Found, Search
+from polymap_ros.mapping.evidence.search import Found, Search
 from polymap_ros.mapping.lines import feet_on_edges
 from polymap_ros.mapping.snapshot import Snapshot
 from polymap_ros.mapping.solver import Evidence

@@ -10,8 +10,8 @@ v_i = sum_mn b_m b_n Re psi(d_m - d_n),
 
     L = sum_i A_i u_i - A_i^2 v_i / 2   =   sum_i max(u_i, 0)^2 / (2 v_i)   at the best A_i.
 
-The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m, J:
-with x_i = sum_m b_m c_i'(d_m) J_m and p_i = sum_mn b_m b_n Re psi'(d_m - d_n) J_m, a ping's score is
+The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m,
+J: with x_i = sum_m b_m c_i'(d_m) J_m and p_i = sum_mn b_m b_n Re psi'(d_m - d_n) J_m, a ping's score is
 A Re[exp(-j phi) x_i] - A^2 p_i, and its Fisher information A^2 (sum_mn b_m b_n (-Re psi'')(d_m - d_n) J_m J_n^T
 - p_i p_i^T / v_i), the second term being what A_i, which follows the walls, takes of it. One pass over the pings gives
 all of these for any amplitudes and any phase.
@@ -54,7 +54,7 @@ class Wave:
     value : float
         L, with the prior of the losses.
     scores : ndarray, shape (N, 3 n)
-        Gradient of each ping's share of L by (r, theta, ln |rho|) of each wall, without the prior; empty if not derived.
+        Gradient of each ping's share of L by (r, theta, ln |rho|) of each wall, without the prior; none if not derived.
     information : ndarray, shape (3 n, 3 n)
         Fisher information of the same with the prior, the amplitudes and the device's phase marginalised.
     """
@@ -177,13 +177,14 @@ class WaveformLikelihood:
         heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
         predicted = np.zeros_like(heard, dtype=complex)
         _predict(wave.lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, pulse.step_m,
-                 pulse.carrier, pulse.baseband, data.spreading, wave.reflection, wave.amplitudes * np.exp(1j * wave.phase), predicted)
+                 pulse.carrier, pulse.baseband, data.spreading, wave.reflection,
+                 wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
 
 
 def gradient(wave: Wave) -> NDArray[np.float64]:
     """Gradient (3 n,) of L with the prior of the losses; what is not heard is held fast."""
-    slope = wave.scores.sum(axis=0)
+    slope: NDArray[np.float64] = wave.scores.sum(axis=0)
     slope[2::3] -= np.log(np.maximum(np.abs(wave.reflection), 1e-6)) / _LOSS_DEVIATION**2
     slope[np.repeat(wave.reflection == 0.0, 3)] = 0.0
     return slope
@@ -196,7 +197,7 @@ def _step(wave: Wave) -> tuple[NDArray[np.float64], float]:
     full[2::3] = (np.abs(wave.reflection) >= 1.0) & (slope[2::3] > 0.0)  # no wall reflects more than all
     slope[full], information[full], information[:, full] = 0.0, 0.0, 0.0
     information[full, full] = 1.0
-    step = np.linalg.solve(information, slope)
+    step = np.asarray(np.linalg.solve(information, slope), dtype=float)
     return step.reshape(-1, 3), 0.5 * float(slope @ step)
 
 
@@ -341,8 +342,8 @@ def _add_pair(
 ) -> None:
     """An ordered pair of paths' share of p, and the other one's in the row `spread` of the first.
 
-    The information is the sum over paths of `slopes` times that row: of ranges with ranges by the bend of psi, of ranges
-    with losses by its slope, and of losses with losses by psi itself, which has a place of its own at the row's end.
+    The information is the sum over paths of `slopes` times that row: of ranges with ranges by the bend of psi, of
+    ranges with losses by its slope, and of losses with losses by psi itself, which has its own place at the row's end.
     """
     n = len(slopes) // 3
     for k in range(n):
@@ -357,7 +358,10 @@ def _add_pair(
 
 
 @kernel
-def _add_information(information: NDArray[np.float64], slopes: NDArray[np.float64], spread: NDArray[np.float64]) -> None:
+def _add_information(
+    information: NDArray[np.float64], slopes: NDArray[np.float64], spread: NDArray[np.float64]
+) -> None:
+    """A path's share of the information, once its row `spread` is whole."""
     n = len(slopes) // 3
     for k in range(n):
         if slopes[3 * k + 2] == 0.0:  # a wall that is not hit
