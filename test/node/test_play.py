@@ -47,7 +47,7 @@ def test_everything_arrives_once_and_in_order(peer, start, recording):
     process = play(start, recording, '--rate', '2')
     peer.spin_until(lambda: len(odometry) == N_ODOMETRY and len(echoes) == N_ECHOES, 'all messages')
     assert process.end() == 0
-    assert [stamped_pose(message)[2].x for message in odometry] == list(range(N_ODOMETRY))
+    assert [stamped_pose(message)[2].position[0] for message in odometry] == list(range(N_ODOMETRY))
     assert [message.intensities[0] for message in echoes] == list(range(0, N_ODOMETRY, 5))
     stamps = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
     assert stamps == sorted(stamps)
