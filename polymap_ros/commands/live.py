@@ -236,17 +236,16 @@ def cpu_of(
         echoes, both = share(sparse, pings), share(stream, pings)
     odometry_s = (odometry - idle) / stream.odom_hz
     return {'idle_share': idle, 'odometry_us': 1e6 * odometry_s,
-            'ping_us': 1e6 * ((echoes - idle) / stream.ping_hz - odometry_s * SPARSE_HZ / stream.ping_hz),
-            'ping_beside_odometry_us': 1e6 * (both - odometry) / stream.ping_hz, 'share': both}
+            'ping_us': 1e6 * (echoes - idle - odometry_s * SPARSE_HZ) / stream.ping_hz, 'share': both}
 
 
 def cpu_table(rows: list[dict[str, object]]) -> str:
     """A row per node, with its ratio to the first."""
-    lines = ['| node | idle, of a core | an odometry message | a ping | a ping beside the odometry | all, of a core |',
-             '| --- | --- | --- | --- | --- | --- |']
+    lines = ['| node | idle, of a core | an odometry message | a ping | both, of a core |',
+             '| --- | --- | --- | --- | --- |']
     for row in rows:
         each = (f'{float(str(row[name])):.0f} us, {float(str(row[name])) / float(str(rows[0][name])):.1f}x'
-                for name in ('odometry_us', 'ping_us', 'ping_beside_odometry_us'))
+                for name in ('odometry_us', 'ping_us'))
         lines.append(f'| {row["node"]} | {float(str(row["idle_share"])):.1%} | {" | ".join(each)} | '
                      f'{float(str(row["share"])):.1%} |')
     return '\n'.join(lines)

@@ -1,6 +1,8 @@
 """The reasons that the diagnostics give in words are true, and what is no polygon is never published as one."""
 
 import dataclasses
+import os
+import signal
 
 import numpy as np
 import pytest
@@ -83,3 +85,24 @@ def test_solver_that_is_behind_is_told(peer, start, riding):
     reset = peer.call('/polymap_node/reset', 'std_srvs/srv/Trigger')
     assert reset.success, 'a reset does not wait for the solver'
     peer.spin_until(lambda: values()['pings used'] == '0', 'the reset')
+
+
+def test_messages_that_the_middleware_lost_are_counted(peer, start, riding):
+    """Best effort, and a node that is stopped for longer than its socket's buffer lasts."""
+    node = start()
+    values, ride = peer.diagnostics(), riding()
+    ride.pose(SECOND_NS, 0)
+    peer.spin_until(lambda: values().get('odometry received') == '1', 'the pose')
+    os.kill(node.popen.pid, signal.SIGSTOP)
+    for k in range(1000):
+        ride.ping(2 * SECOND_NS + k, ride.samples[0])
+    os.kill(node.popen.pid, signal.SIGCONT)
+    numbers = iter(range(10**6))
+
+    def noticed():  # with the next message that comes through
+        ride.ping(10 * SECOND_NS + next(numbers), ride.samples[0])
+        return 'messages lost on /echo: ' in values().get('message', '')
+
+    peer.spin_until(noticed, 'lost echoes in the diagnostics')
+    assert int(values()['echoes lost']) > 0
+    assert values()['odometry lost'] == '0'
