@@ -1,6 +1,7 @@
 """Shared parts of the evidence tests: rooms, and what a sensor in them hears, in units of a noise that is known."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.lines import polygon_lines
+from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.mapping.listening import Listener
 from polymap_ros.mapping.sounding import Sounding
 from polymap_ros.parameters import Parameters
@@ -63,6 +64,60 @@ def _inside(vertices, count, seed=0, clearance=0.06):
     return points[np.all(points @ normals < lines[:, 0] - clearance, axis=1)][:count]
 
 
+@dataclasses.dataclass(frozen=True)
+class Path:
+    """One sequence of walls, for many pings: half the length [m] and what the walls' ends leave, both (N,)."""
+
+    walls: tuple[int, ...]
+    half: np.ndarray
+    weight: np.ndarray
+
+
+def _unfold(lines, emitters, order, soft, receivers=None):
+    """All sequences of walls that some ping hears, each unfolded in the complex plane; ends are hard where soft is 0.
+
+    Inside its end by s, a hit counts 1/2 + (3 x - x^3) / 4 with x = s / soft within -1 ... 1; a path, its least hit.
+    """
+    vertices, which = half_plane_polygon(lines)
+    corners = {int(wall): vertices[i] @ (1, 1j) for i, wall in enumerate(which)}
+    along = {int(wall): vertices[(i + 1) % len(which)] @ (1, 1j) - corners[int(wall)] for i, wall in enumerate(which)}
+    source = np.asarray(emitters) @ (1, 1j)
+    target = source if receivers is None else np.asarray(receivers) @ (1, 1j)
+    paths = []
+    for count in range(1, order + 1):
+        for walls in itertools.product(corners, repeat=count):
+            if any(a == b for a, b in itertools.pairwise(walls)):
+                continue
+            images = [source]
+            for wall in walls:
+                images.append(corners[wall] + along[wall] * np.conj((images[-1] - corners[wall]) / along[wall]))
+            here, inside = target, np.full(len(source), np.inf)
+            for wall, image in zip(walls[::-1], images[:0:-1], strict=True):
+                p, q = ((place - corners[wall]) / along[wall] for place in (here, image))
+                crosses = (q.imag < 0.0) & (q.imag < p.imag)
+                share = p.real + (q - p).real * p.imag / np.where(crosses, p.imag - q.imag, np.nan)
+                here = corners[wall] + share * along[wall]
+                inside = np.minimum(inside, abs(along[wall]) * np.minimum(share, 1.0 - share))
+            inside = np.nan_to_num(inside, nan=-np.inf)
+            x = np.clip(inside / soft, -1.0, 1.0) if soft else np.sign(inside)
+            weight = 0.5 + (3.0 * x - x**3) / 4.0
+            if np.any(weight > 0.0):
+                paths.append(Path(walls, abs(images[-1] - target) / 2.0, weight))
+    return paths
+
+
+def _away_from_ends(lines, positions, order, soft):
+    """Which pings hear no path near the end of a wall."""
+    weights = np.array([path.weight for path in _unfold(lines, positions, order, soft)])
+    return np.all((weights == 0.0) | (weights == 1.0), axis=0)
+
+
+def _some(data, pings):
+    """The data of some pings only."""
+    chosen = {name: getattr(data, name)[pings] for name in ('positions', 'signal', 'power', 'filling', 'gain')}
+    return dataclasses.replace(data, **chosen)
+
+
 @pytest.fixture(scope='session')
 def hear():
     return _hear
@@ -71,6 +126,21 @@ def hear():
 @pytest.fixture(scope='session')
 def inside():
     return _inside
+
+
+@pytest.fixture(scope='session')
+def unfold():
+    return _unfold
+
+
+@pytest.fixture(scope='session')
+def away_from_ends():
+    return _away_from_ends
+
+
+@pytest.fixture(scope='session')
+def some():
+    return _some
 
 
 @pytest.fixture(scope='session')

@@ -50,7 +50,7 @@ def test_independent_cells_are_counted_right(listener):
     generator = np.random.default_rng(5)
     soundings = []
     for samples in generator.normal(size=(400, 2048)):
-        echo, envelope, rho, _ = listener.hear(Ping(0, samples, 1e-6))
+        echo, envelope, rho, *_ = listener.hear(Ping(0, samples, 1e-6))
         soundings.append(Sounding(0, 0.0, 0.0, echo, envelope, rho, 1.0 / np.linalg.norm(samples)))
     data = data_of(soundings, listener)
     power = data.power[:, data.first_cell:-10]

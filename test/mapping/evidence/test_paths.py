@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from polymap_ros.acoustics.image_sources import visible_images
-from polymap_ros.mapping.evidence.paths import CAPACITY, corners_of, path_derivatives, trace_paths
+from polymap_ros.mapping.evidence.paths import CAPACITY, Paths, corners_of, planes_of, room_for_paths, trace_paths
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.simulation.random_scenes import random_scene
 
@@ -18,34 +18,25 @@ def sorted_walls(vertices):
     return vertices, polygon_lines(vertices)
 
 
-def traced(vertices, position, order, range_max):
-    """Half lengths, walls and numbers of hits of the audible paths, as `trace_paths` gives them."""
-    found, walls = np.empty((CAPACITY, 2)), np.empty((CAPACITY, order), np.int64)
-    half, hits = np.empty(CAPACITY), np.empty(CAPACITY, np.int64)
-    count = trace_paths(vertices, *position, order, range_max, found, walls, half, hits)
-    return half[:count], walls[:count], hits[:count]
+def traced(vertices, ends, order, range_max, soft):
+    """The audible paths from emitter to receiver, as `trace_paths` gives them."""
+    paths = room_for_paths(order)
+    lines = polygon_lines(vertices)
+    count = trace_paths(planes_of(lines), vertices, np.ravel(ends), order, range_max, soft, paths)
+    assert count < CAPACITY
+    return Paths(*(column[:count] for column in paths))
 
 
-def audible(vertices, position, sequence):
-    """Whether a ray comes back by exactly these walls, and half its length; unfolded with complex numbers."""
-    corners = vertices @ (1, 1j)
-    source = image = complex(*position)
-    images = []
-    for wall in sequence:
-        a, along = corners[wall], corners[(wall + 1) % len(corners)] - corners[wall]
-        image = a + along * np.conj((image - a) / along)
-        images.append(image)
-    here = source
-    for wall, image in zip(sequence[::-1], images[::-1], strict=True):
-        a, along = corners[wall], corners[(wall + 1) % len(corners)] - corners[wall]
-        p, q = (here - a) / along, (image - a) / along
-        if p.imag <= 0.0 or q.imag >= 0.0:
-            return False, np.nan
-        share = p.real + (q.real - p.real) * p.imag / (p.imag - q.imag)
-        if not 0.0 <= share <= 1.0:
-            return False, np.nan
-        here = a + share * along
-    return True, abs(images[-1] - source) / 2.0
+def keys(paths):
+    """Walls of each path, in the order they are hit."""
+    assert all(np.all(row[count:] == -1) for row, count in zip(paths.walls, paths.hits, strict=True))
+    return [tuple(row[:count]) for row, count in zip(paths.walls.tolist(), paths.hits, strict=True)]
+
+
+def beside(positions, apart_m, seed=0):
+    """Receivers `apart_m` from their emitters, in any direction."""
+    angles = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, len(positions))
+    return positions + apart_m * np.column_stack((np.cos(angles), np.sin(angles)))
 
 
 @pytest.mark.parametrize('n', [3, 4, 5, 6, 8])
@@ -90,69 +81,122 @@ def test_an_edge_too_short_to_be_heard_is_none():
         assert corners_of(lines)[0] == bounds
 
 
+@pytest.mark.parametrize('shortest_m', [0.0, 0.01, 0.05, 0.1])
+def test_edges_no_longer_than_the_shortest_are_none(shortest_m):
+    for cut_m in (0.02, 0.04, 0.06, 0.2):
+        r = np.sqrt(2.0) - cut_m / 2.0  # takes that long an edge off the corner (1, 1)
+        square = [(1.0, -np.pi / 2), (1.0, 0.0), (r, np.pi / 4), (1.0, np.pi / 2), (1.0, np.pi)]
+        assert corners_of(np.array(square), shortest_m)[0] == (cut_m > shortest_m)
+        assert not corners_of(np.array(square), 2.0)[0]
+
+
+@pytest.mark.parametrize('apart_m', [0.0, 0.05])
+@pytest.mark.parametrize('soft', [1e-6, 1e-3, 0.02])
 @pytest.mark.parametrize('n', [3, 4, 5, 7])
-def test_every_audible_path_is_traced(n):
+def test_every_audible_path_is_traced(n, soft, apart_m, unfold):
+    """With half its length and with what the ends of its walls leave of it."""
     scene = random_scene(11, n)
-    vertices, _ = sorted_walls(scene.vertices)
-    sequences = [sequence for order in (1, 2, 3) for sequence in itertools.product(range(n), repeat=order)
-                 if all(a != b for a, b in itertools.pairwise(sequence))]
-    for position in scene.positions[::15]:
-        expected = {}
-        for sequence in sequences:
-            heard, half = audible(vertices, position, sequence)
-            if heard:
-                expected[sequence] = half
-        half, walls, hits = traced(vertices, position, 3, 100.0)
-        found = {tuple(row[:count]): d for row, count, d in zip(walls.tolist(), hits, half, strict=True)}
-        assert found.keys() == expected.keys()
-        np.testing.assert_allclose([found[key] for key in expected], list(expected.values()), atol=1e-9)
-        assert all(np.all(row[count:] == -1) for row, count in zip(walls, hits, strict=True))
+    vertices, lines = sorted_walls(scene.vertices)
+    places = scene.positions[::8]
+    receivers = beside(places, apart_m)
+    expected, between = unfold(lines, places, 3, soft, receivers), 0
+    for i, ends in enumerate(np.hstack((places, receivers))):
+        paths = traced(vertices, ends, 3, 100.0, soft)
+        found = {key: (d, weight) for key, d, weight in zip(keys(paths), paths.half, paths.weight, strict=True)}
+        heard = {path.walls: (path.half[i], path.weight[i]) for path in expected if path.weight[i] > 1e-9}
+        assert {key for key in found if found[key][1] > 1e-9} == heard.keys()
+        for key, values in heard.items():
+            assert found[key] == pytest.approx(values, abs=1e-9)
+            between += 1e-9 < values[1] < 1.0
+        assert len(paths.half) == len(set(keys(paths)))
+    assert between > 0 or soft < 0.01
+
+
+def test_a_rectangles_images_are_weighed_as_merged_ones():
+    """The two images behind a right-angled corner count as the one that they are, and all others whole."""
+    vertices, _ = sorted_walls(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 0.7), (0.0, 0.7)]))
+    for place in ((0.31, 0.22), (0.5, 0.37), (0.1, 0.1), (0.93, 0.04)):
+        images = visible_images(vertices, place, 5)
+        paths = traced(vertices, (*place, *place), 5, 100.0, 1e-3)
+        expected, found = (np.round(places, 6) + 0.0 for places in (images.position_m, paths.images))
+        weights = {tuple(at): np.sum(paths.weight[np.all(found == at, axis=1)]) for at in expected}
+        assert len(weights) == len(expected)
+        assert sum(weights.values()) == pytest.approx(np.sum(paths.weight))
+        assert list(weights.values()) == pytest.approx(np.ones(len(expected)), abs=1e-6)
+        assert np.sum(np.abs(paths.weight - 0.5) < 1e-6) >= 8
+
+
+def in_corner(degrees, soft, apart_m=0.0):
+    """Weights of the two orders in which the walls of a corner at the origin are hit from 0.5 m away."""
+    a, b = np.radians(degrees), np.radians(0.45 * degrees)
+    vertices, _ = sorted_walls(np.array([(3.0 * np.cos(a), 3.0 * np.sin(a)), (0.0, 0.0), (3.0, 0.0)]))
+    place = 0.5 * np.array([np.cos(b), np.sin(b)])
+    paths = traced(vertices, (*place, *(place + apart_m * np.array([-np.sin(b), np.cos(b)]))), 2, 100.0, soft)
+    corner = int(np.argmin(np.abs(vertices).sum(axis=1)))
+    walls = {corner, corner - 1 if corner else len(vertices) - 1}
+    return [weight for key, weight in zip(keys(paths), paths.weight, strict=True) if set(key) == walls]
+
+
+@pytest.mark.parametrize(('degrees', 'expected'), [(60, 2.0), (85, 2.0), (89, 2.0), (90, 1.0), (91, 0.0), (120, 0.0)])
+def test_a_corner_is_heard_twice_once_or_not_at_all(degrees, expected):
+    assert sum(in_corner(degrees, 1e-3)) == pytest.approx(expected, abs=1e-6)
+
+
+def test_between_these_a_corners_echo_changes_smoothly():
+    """From R = 0.5 m the walls are hit R cos(a) / cos(b) from the corner, b being their angles to the way there.
+
+    A soft end is steepest, 3/4 per `soft`, at the end itself.
+    """
+    degrees, soft = np.linspace(89.4, 90.6, 241), 1e-3
+    total = np.array([sum(in_corner(angle, soft)) for angle in degrees])
+    a = np.radians(degrees)
+    inside = np.min([0.5 * np.cos(a) / np.cos(share * a) for share in (0.45, 0.55)], axis=0)
+    x = np.clip(inside / soft, -1.0, 1.0)
+    np.testing.assert_allclose(total, 2.0 * (0.5 + (3.0 * x - x**3) / 4.0), atol=1e-7)
+    assert -np.diff(total).min() <= 2.0 * 0.75 / soft * -np.diff(inside).min() * (1.0 + 1e-6)
+    assert (total[0], total[120], total[-1]) == pytest.approx((2.0, 1.0, 0.0), abs=1e-6)
 
 
 def test_paths_end_with_the_range(triangle):
     vertices, _ = sorted_walls(triangle)
     images = visible_images(vertices, (0.5, 0.3), 5)
-    half, walls, hits = traced(vertices, (0.5, 0.3), 5, 0.8)
+    paths = traced(vertices, (0.5, 0.3, 0.5, 0.3), 5, 0.8, 0.0)
     near = images.distance_m <= 1.6
     assert 0 < near.sum() < len(near)
-    order = np.argsort(half, kind='stable')
-    np.testing.assert_allclose(half[order], images.distance_m[near] / 2.0, atol=1e-12)
-    np.testing.assert_array_equal(np.sort(hits), np.sort(images.order[near]))
-    rows = {tuple(row) for row in walls.tolist()}
-    assert rows == {tuple(row) for row in images.walls[near].tolist()}
+    order = np.argsort(paths.half, kind='stable')
+    np.testing.assert_allclose(paths.half[order], images.distance_m[near] / 2.0, atol=1e-12)
+    np.testing.assert_array_equal(np.sort(paths.hits), np.sort(images.order[near]))
+    assert set(keys(paths)) == {tuple(row[row >= 0].tolist()) for row in images.walls[near]}
+    np.testing.assert_array_equal(paths.weight, 1.0)
 
 
-def distances(lines, position, order):
-    """Half the length of each audible path by the lines it hits, through `visible_images`."""
-    vertices, which = half_plane_polygon(lines)
-    images = visible_images(vertices, position, order)
-    return {tuple(which[row[:count]]): d / 2.0
-            for row, count, d in zip(images.walls, images.order, images.distance_m, strict=True)}
-
-
+@pytest.mark.parametrize('apart_m', [0.0, 0.05])
 @pytest.mark.parametrize('n', [3, 5, 8])
-def test_derivatives_are_those_of_the_images_distances(n):
+def test_derivatives_are_those_of_the_unfolded_lengths(n, apart_m, unfold):
     scene = random_scene(13, n)
     vertices, lines = sorted_walls(scene.vertices)
-    step, compared, orders = 1e-6, 0, set()
-    for position in scene.positions[::25]:
-        half, walls, hits = traced(vertices, position, 5, 100.0)
-        analytic = np.zeros((len(half), n, 2))
-        for m in range(len(half)):
-            out = np.empty((5, 2))
-            path_derivatives(lines, *position, walls[m], hits[m], out)
-            np.add.at(analytic[m], walls[m, :hits[m]], out[:hits[m]])
-        for wall, axis in itertools.product(range(n), range(2)):
-            moved = [lines.copy(), lines.copy()]
-            moved[0][wall, axis] -= step
-            moved[1][wall, axis] += step
-            before, after = (distances(each, position, 5) for each in moved)
-            for m in range(len(half)):
-                key = tuple(walls[m, :hits[m]])
-                if key in before and key in after:  # one at the end of its wall may be heard on one side only
-                    difference = (after[key] - before[key]) / (2.0 * step)
-                    assert analytic[m, wall, axis] == pytest.approx(difference, abs=2e-6)
-                    compared += 1
-                    orders.add(len(key))
-    assert compared > 200
-    assert orders == {1, 2, 3, 4, 5}
+    order = {3: 5, 5: 4, 8: 3}[n]
+    places = scene.positions[::25]
+    receivers = beside(places, apart_m)
+    step, orders, compared = 1e-6, set(), 0
+    slopes = {}
+    for wall, axis in itertools.product(range(n), range(2)):
+        moved = np.zeros((n, 2))
+        moved[wall, axis] = step
+        before, after = ({path.walls: path.half for path in unfold(lines + way * moved, places, order, 1e-3, receivers)}
+                         for way in (-1.0, 1.0))
+        for key in before.keys() & after.keys():
+            slopes[key, wall, axis] = (after[key] - before[key]) / (2.0 * step)
+    for i, ends in enumerate(np.hstack((places, receivers))):
+        paths = traced(vertices, ends, order, 100.0, 1e-3)
+        for m, key in enumerate(keys(paths)):
+            if paths.weight[m] < 1e-3:  # may be heard on one side only
+                continue
+            analytic = np.zeros((n, 2))
+            np.add.at(analytic, list(key), paths.slopes[m, :len(key)])
+            expected = [[slopes[key, wall, axis][i] for axis in range(2)] for wall in range(n)]
+            assert analytic == pytest.approx(np.array(expected), abs=2e-6)
+            compared += 1
+            orders.add(len(key))
+    assert compared > 50
+    assert orders == set(range(1, order + 1))
