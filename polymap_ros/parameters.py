@@ -241,6 +241,21 @@ class GridParameters(Group):
 
 
 @dataclass(frozen=True)
+class FreeAreaParameters(Group):
+    """The area that no wall crosses, from the closest range of every ping."""
+
+    PREFIX = 'free_area.'
+    model: str = parameter('discs', 'union of a disc per ping, or a grid of probabilities, which a few wrong ranges do '
+                           'not spoil', choices=('discs', 'grid'))
+    false_alarm: float = parameter(
+        0.0, 'share of the pings without echoes in which noise may be taken for the first one; 0: an echo is a peak of '
+        '0.3 of the strongest one', minimum=0.0, maximum=0.5)
+    missed: float = parameter(0.2, "share of the first echoes that are not heard, which makes ranges too long (grid)",
+                              above=0.0, maximum=0.9)
+    cell_m: float = parameter(0.0, 'size of a cell; 0: twice grid.range_step_m (grid)', unit='m', minimum=0.0)
+
+
+@dataclass(frozen=True)
 class SolverParameters(Group):
     """The search for the polygon."""
 
@@ -306,6 +321,7 @@ class Parameters:
     sensor: SensorParameters = field(default_factory=SensorParameters)
     odometry: OdometryParameters = field(default_factory=OdometryParameters)
     grid: GridParameters = field(default_factory=GridParameters)
+    free_area: FreeAreaParameters = field(default_factory=FreeAreaParameters)
     solver: SolverParameters = field(default_factory=SolverParameters)
     map: MapParameters = field(default_factory=MapParameters)
     output: OutputParameters = field(default_factory=OutputParameters)

@@ -10,8 +10,8 @@ _PRESENT = 0.5
 the robot drives along it for most of the way, nor is the median of what differs from ping to ping."""
 
 _STRONG = 4.0
-"""... and it is so many times as strong, somewhere in one stretch, as what differs from ping to ping: the echo that goes
-to and fro between two parallel walls has the same length everywhere, too, and is no stronger than others."""
+"""... and it is so many times as strong, somewhere in one stretch, as what differs from ping to ping: the echo that
+goes to and fro between two parallel walls has the same length everywhere, too, and is no stronger than others."""
 
 _GAP = 1
 """A stretch goes on over twice so many half windows in which it is too weak."""

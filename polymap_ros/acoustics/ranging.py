@@ -1,4 +1,4 @@
-"""The closest range rho of a ping: the first peak of its envelope that stands out."""
+"""The closest range rho of a ping: the first peak of its envelope that stands out, and how sure it is an echo."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,65 @@ def closest_range(envelope: NDArray[np.floating], step_m: float, blanking_m: flo
     float
         Range of the first local maximum above the threshold, refined by a parabola; nan if there is none.
     """
-    first = max(1, int(np.ceil(blanking_m / step_m - 1e-9)))
-    e = np.asarray(envelope, dtype=float)
+    e, first = np.asarray(envelope, dtype=float), _first_cell(step_m, blanking_m)
     if len(e) < first + 2:
         return float('nan')
     threshold = max(RELATIVE_THRESHOLD * e[first:].max(), NOISE_FACTOR * float(np.median(e[first:])))
+    return _first_peak(e, first, threshold, step_m)
+
+
+def first_echo(
+    envelope: NDArray[np.floating], noise: float, step_m: float, blanking_m: float, width_m: float, false_alarm: float
+) -> float:
+    """Range [m] of the first peak that noise would reach anywhere in so many pings only; nan if there is none.
+
+    How strong later echoes are does not matter. The envelope of noise rises above t deviations, on average,
+    t / sqrt(2) exp(-t^2 / 2) times per independent cell of range (Rice, Bell Syst. Tech. J. 24, 46, 1945, for a pulse
+    whose autocorrelation is a Gaussian).
+
+    Parameters
+    ----------
+    envelope : ndarray, shape (n_ranges,)
+        e_i(r) on the axis 0, step, 2 step, ...
+    noise : float
+        Standard deviation of the noise in eq. (3).
+    step_m, blanking_m
+        As in `closest_range`.
+    width_m : float
+        Width of an independent cell of range [m].
+    false_alarm : float
+        Share of the pings without echoes in which noise is taken for one.
+    """
+    e, first = np.asarray(envelope, dtype=float), _first_cell(step_m, blanking_m)
+    if len(e) < first + 2:
+        return float('nan')
+    expected = -np.log1p(-false_alarm) / max((len(e) - first) * step_m / width_m, 1.0)
+    t = 2.0
+    for _ in range(8):  # the exponential rules, so that this settles at once
+        t = float(np.sqrt(2.0 * np.log(max(t / np.sqrt(2.0) / expected, np.e))))
+    return _first_peak(e, first, noise * t, step_m)
+
+
+def confidence(
+    envelope: NDArray[np.floating], noise: float, step_m: float, blanking_m: float, width_m: float, rho: float
+) -> float:
+    """Probability that noise alone stays below the peak at `rho` up to there: how sure that peak is an echo.
+
+    Parameters as in `first_echo`; 0 where `rho` is nan.
+    """
+    if not np.isfinite(rho):
+        return 0.0
+    height = float(envelope[min(round(rho / step_m), len(envelope) - 1)]) / noise
+    cells = max((rho - blanking_m) / width_m, 1.0)
+    return float(np.exp(-cells * max(height / np.sqrt(2.0), 1.0) * np.exp(-0.5 * height**2)))
+
+
+def _first_cell(step_m: float, blanking_m: float) -> int:
+    return max(1, int(np.ceil(blanking_m / step_m - 1e-9)))
+
+
+def _first_peak(e: NDArray[np.float64], first: int, threshold: float, step_m: float) -> float:
+    """Range of the first local maximum from a cell on, and above a threshold, refined by a parabola."""
     middle = e[first:-1]
     peaks = np.flatnonzero((middle >= threshold) & (middle > e[first - 1:-2]) & (middle >= e[first + 1:]))
     if len(peaks) == 0:

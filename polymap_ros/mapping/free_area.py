@@ -25,8 +25,8 @@ class FreeArea:
         self._region: Region | None = None
         self._shape: shapely.Geometry = self._united
 
-    def add(self, x: float, y: float, rho: float) -> None:
-        """Add the disc of one ping [m]; a ping without a closest range (nan) adds none."""
+    def add(self, x: float, y: float, rho: float, confidence: float = 1.0) -> None:
+        """Add the disc of one ping [m]; a ping without a closest range (nan) adds none. Confidence does not matter."""
         if not rho > 0.0:
             return
         self._discs.append((x, y, rho))

@@ -1,7 +1,7 @@
 """What a ping tells at its own place: eq. (3), its envelope and the closest range, or why it cannot be used."""
 
 from collections.abc import Callable
-from functools import partial
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -14,7 +14,7 @@ from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
-from polymap_ros.acoustics.ranging import closest_range
+from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
 from polymap_ros.errors import BadPing
 from polymap_ros.mapping.pulse_shape import PulseShape
 from polymap_ros.mapping.signals import Signals
@@ -40,12 +40,13 @@ def at_once(job: Callable[[], None]) -> None:
 
 
 class Heard(NamedTuple):
-    """Eq. (3) on the fine axis, its magnitude on the range axis, the closest range [m], the noise; see `Sounding`."""
+    """Eq. (3) on the fine axis, its magnitude on the range axis, the closest range [m] and so on; see `Sounding`."""
 
     echo: NDArray[np.complex64]
     envelope: NDArray[np.float32]
     rho: float
     noise: float
+    confidence: float
 
 
 class Listener:
@@ -54,7 +55,7 @@ class Listener:
     Parameters
     ----------
     parameters : Parameters
-        Groups `medium`, `pulse`, `echo` and `front_end`.
+        Groups `medium`, `pulse`, `echo`, `front_end` and `free_area`.
     ranges_m : ndarray, shape (n_ranges,)
         Range axis from 0 [m].
     recorded_pulse : ndarray, shape (n,), optional
@@ -144,15 +145,28 @@ class Listener:
         useful = self._ranges_m <= last_m * (1.0 + 1e-9)
         echo[self._fine_m > last_m * (1.0 + 1e-9)] = 0.0
         envelope = np.abs(echo[:: self.fold])
-        rho = closest_range(envelope[useful], self._step_m, blanking_m)
         noise = gauge(samples, used) if self._parameters.echo.kind == 'rf' else None
         if noise is None:
             noise = noise_from_envelope(envelope, ping.samples.size)
+        rho, sure = self._closest(envelope[useful], noise, blanking_m)
         echo[self._fine_m < blanking_m * (1.0 - 1e-9)] = 0.0
         envelope = np.abs(echo[:: self.fold])
         if self._parameters.front_end.flat_spreading:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
-        return Heard(echo, envelope, rho, noise)
+        return Heard(echo, envelope, rho, noise, sure)
+
+    def _closest(self, envelope: NDArray[np.floating], noise: float, blanking_m: float) -> tuple[float, float]:
+        """Closest range [m] and the confidence in it."""
+        false_alarm = self._parameters.free_area.false_alarm
+        axis = noise, self._step_m, blanking_m, self._width_m
+        rho = (first_echo(envelope, *axis, false_alarm) if false_alarm
+               else closest_range(envelope, self._step_m, blanking_m))
+        return rho, confidence(envelope, *axis, rho)
+
+    @cached_property
+    def _width_m(self) -> float:
+        """Width of an independent cell of range [m]."""
+        return self.shape.width_m
 
     def signals(self, ping: Ping, cleaned: Ping) -> Signals:
         """What `hear` makes of a ping, and what was made of it before."""
@@ -162,10 +176,11 @@ class Listener:
         steps = [('as received', ping.samples), ('without what is common', cleaned.samples),
                  ('without DC, with gain over time', levelled), ('in the band, blanking muted', limited)]
         changed = [after for before, after in pairwise(steps) if after[1] is not before[1]]
-        time_s = ping.t0_s + np.arange(ping.samples.size) * ping.period_s
+        time_s = np.asarray(ping.t0_s + np.arange(ping.samples.size) * ping.period_s, dtype=float)
         heard = self.hear(cleaned)
         centre_s = self._pulse(ping.period_s).centre_s
-        return Signals((steps[0], *changed), time_s, 0.5 * self._speed_m_s * (time_s - centre_s), self._ranges_m,
+        range_m = np.asarray(0.5 * self._speed_m_s * (time_s - centre_s), dtype=float)
+        return Signals((steps[0], *changed), time_s, range_m, self._ranges_m,
                        np.abs(heard.echo[::self.fold]) / heard.noise, heard.rho, self._blanking_m(ping))
 
     @property

@@ -12,7 +12,7 @@ from polymap_ros.errors import BadPing, StateError
 from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.common_removal import CommonRemoval
 from polymap_ros.mapping.estimate import Estimate
-from polymap_ros.mapping.free_area import FreeArea
+from polymap_ros.mapping.free_grid import make_free_area
 from polymap_ros.mapping.listening import Later, Listener, at_once
 from polymap_ros.mapping.odometry_error import OdometryCorrection, OdometryError
 from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
@@ -94,7 +94,8 @@ class PolygonMapper:
         self._common = CommonRemoval(
             self.parameters.front_end.common_pings, self._listener.pulse_s, self._listener.pulse_m)
         self.beam_map = BeamformingMap(self.parameters.grid)
-        self.free_area = FreeArea()
+        area, step_m = self.parameters.free_area, self.parameters.grid.range_step_m
+        self.free_area = make_free_area(area.model, area.cell_m or 2.0 * step_m, area.missed)
         self.soundings: list[Sounding] = []
         self._thinning = Thinning()
         self.plane: Plane | None = None
@@ -196,12 +197,13 @@ class PolygonMapper:
     def _use(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
         """Pings with the sensor's place in the start frame."""
         for ping, place in placed:
-            echo, envelope, rho, noise = self._listener.hear(ping)  # eq. (3)
-            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise))
+            echo, envelope, rho, noise, confidence = self._listener.hear(ping)  # eq. (3)
+            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence))
             self._thinning.add(self.soundings)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
-            self.free_area.add(place.x, place.y, float(np.sqrt(np.maximum(rho**2 - self._quarter_m2, 0.0))))
+            clear_m = float(np.sqrt(np.maximum(rho**2 - self._quarter_m2, 0.0)))
+            self.free_area.add(place.x, place.y, clear_m, confidence)
 
     def _ready(self, ping: Ping) -> bool:
         located = self.locate(ping.frame_id) is not None

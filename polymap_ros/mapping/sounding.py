@@ -25,6 +25,8 @@ class Sounding:
         Closest range [m]; nan where no echo stands out.
     noise : float
         Standard deviation of the noise in the real part of `echo`.
+    confidence : float
+        How sure it is that an echo, not noise, is at `rho`; see `ranging.confidence`.
     """
 
     stamp_ns: int
@@ -34,3 +36,4 @@ class Sounding:
     envelope: NDArray[np.float32]
     rho: float
     noise: float = 1.0
+    confidence: float = 1.0

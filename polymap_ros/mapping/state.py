@@ -12,8 +12,8 @@ from polymap_ros.parameters import Parameters
 
 VERSION = 2
 
-MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'echo.kind', 'echo.t0_s', 'echo.blanking_m',
-             'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')
+MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'free_area.', 'echo.kind', 'echo.t0_s',
+             'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')
 """Parameters that what is kept depends on; the path of a pulse's file says nothing about its content."""
 
 Part = dict[str, NDArray[np.generic]]

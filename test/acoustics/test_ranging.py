@@ -8,7 +8,7 @@ import pytest
 from polymap_ros.acoustics.matched_filter import MatchedFilter
 from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
-from polymap_ros.acoustics.ranging import closest_range
+from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.waveforms import simulate
 
@@ -89,3 +89,40 @@ def test_ranges_of_random_rooms(snr, least, short):
     assert right.mean() >= least
     assert np.mean(errors < -0.02) <= short
     assert errors[right].std() < 4e-3
+
+
+def rayleigh(generator, cells, oversampled=4):
+    """Envelope of noise of deviation 1 whose independent cells are so many samples wide."""
+    from scipy.ndimage import gaussian_filter1d
+
+    white = generator.normal(size=(2, cells * oversampled))
+    smooth = gaussian_filter1d(white, oversampled / (2.0 * np.sqrt(np.pi)), axis=1, mode='wrap')
+    return np.hypot(*(smooth / smooth.std()))
+
+
+@pytest.mark.parametrize('false_alarm', [0.3, 0.1, 0.02])
+def test_noise_is_taken_for_an_echo_as_often_as_allowed(false_alarm):
+    generator = np.random.default_rng(1)
+    found = [first_echo(rayleigh(generator, 150), 1.0, 0.005, 0.0, 0.02, false_alarm) for _ in range(2000)]
+    assert np.mean(np.isfinite(found)) == pytest.approx(false_alarm, rel=0.3)
+
+
+def test_a_weak_first_echo_is_found_whatever_follows():
+    r = 0.005 * np.arange(600)
+    envelope = 8.0 * np.exp(-((r - 0.5) / 0.01) ** 2) + 80.0 * np.exp(-((r - 1.2) / 0.01) ** 2) + 0.1
+    assert first_echo(envelope, 1.0, 0.005, 0.02, 0.02, 1e-3) == pytest.approx(0.5, abs=1e-3)
+    assert closest_range(envelope, 0.005, 0.02) == pytest.approx(1.2, abs=1e-3)
+    assert np.isnan(first_echo(envelope[:200] / 8.0, 1.0, 0.005, 0.02, 0.02, 1e-3))
+    assert np.isnan(first_echo(envelope[:5], 1.0, 0.005, 0.02, 0.02, 1e-3))
+
+
+def test_confidence_is_how_rarely_noise_gets_so_high_so_early():
+    generator = np.random.default_rng(2)
+    noise = [rayleigh(generator, 150) for _ in range(2000)]
+    for height, rho in ((3.0, 1.5), (3.5, 3.0), (2.5, 0.3)):
+        envelope = np.zeros(601)
+        envelope[round(rho / 0.005)] = height
+        silent = np.mean([each[:round(rho / 0.005)].max() < height for each in noise])
+        assert confidence(envelope, 1.0, 0.005, 0.0, 0.02, rho) == pytest.approx(silent, abs=0.08)
+    assert confidence(np.full(601, 12.0), 1.0, 0.005, 0.0, 0.02, 3.0) > 0.999999
+    assert confidence(envelope, 1.0, 0.005, 0.0, 0.02, float('nan')) == 0.0

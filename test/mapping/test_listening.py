@@ -187,3 +187,17 @@ def test_flat_spreading_makes_far_echoes_as_bright_as_near_ones():
     assert plain.envelope[60] / plain.envelope[200] == pytest.approx(np.sqrt(2.0 / 0.6), rel=0.05)
     assert flat.envelope[60] / flat.envelope[200] == pytest.approx(1.0, rel=0.05)
     np.testing.assert_array_equal(plain.echo, flat.echo)
+
+
+def test_the_first_echo_is_searched_with_the_false_alarm_rate_given():
+    weak = np.array([0.1, 1.0])  # a wall at 0.3 m, heard at less than 0.3 of the one at 1 m
+    synthesis = Synthesis(make_medium(Parameters().medium), make_pulse(Parameters().pulse), 2048, 1e-6)
+    samples = synthesis(np.array([0.6, 2.0]), weak)
+    heard = ping(samples + 2e-3 * np.abs(samples).max() * NOISE)
+    assert listener().hear(heard).rho == pytest.approx(1.0, abs=0.002)
+    found = listener(free_area__false_alarm=1e-3).hear(heard)
+    assert found.rho == pytest.approx(0.3, abs=0.003)
+    assert found.confidence > 0.9
+    nothing = [listener(free_area__false_alarm=1e-3).hear(
+        ping(np.random.default_rng(seed).normal(size=2048))).rho for seed in range(30)]
+    assert np.isnan(nothing).mean() > 0.9
