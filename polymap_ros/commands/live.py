@@ -47,10 +47,11 @@ class Stream:
     @classmethod
     def of(cls, arguments: argparse.Namespace) -> 'Stream':
         """As the arguments say."""
-        stream = cls(arguments.odom_hz or 200.0, arguments.ping_hz or 20.0, arguments.samples or 8192)
-        if not min(stream.odom_hz, stream.ping_hz, stream.n_samples) > 0:
-            raise UsageError('--odom-hz, --ping-hz and --samples must be above 0')
-        return stream
+        given = {name: getattr(arguments, name) for name in ARGUMENTS}
+        for name, value in given.items():
+            if value is not None and not 0.0 < value < float('inf'):
+                raise UsageError(f'--{name.replace("_", "-")} {value:g}; allowed: above 0')
+        return cls(given['odom_hz'] or 200.0, given['ping_hz'] or 20.0, given['samples'] or 8192)
 
     def pings(self) -> list[Any]:
         """Echo messages of one round."""
