@@ -1,0 +1,136 @@
+"""Poses and pings that are kept, to be heard again with other parameters."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.acoustics.medium import group_speed, make_medium
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.mapping.evidence.search import Search
+from polymap_ros.mapping.evidence.solver import search_of
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.odometry_error import OdometryError
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.thinning import KEPT_PINGS
+from polymap_ros.parameters import Parameters
+
+_ALL_USED = {
+    'grid.angle_step_deg': 90.0, 'odometry.scale': 1.0, 'odometry.yaw_drift_deg_m': 0.0, 'odometry.max_gap_s': 1e9,
+}
+"""Poses are given where the pings are, freed of the odometry's error; the beamforming map is not looked at."""
+
+_MOST_PINGS = 4 * KEPT_PINGS
+"""Pings kept before those are forgotten that the mapper does not keep."""
+
+
+class Tape:
+    """Keeps what a mapper uses: all reported poses, and of the pings those whose echoes the mapper keeps.
+
+    Parameters
+    ----------
+    mapper : PolygonMapper
+        New; it is tapped.
+    """
+
+    def __init__(self, mapper: PolygonMapper) -> None:
+        self._mapper = mapper
+        self._poses: list[tuple[float, float, float]] = []
+        self._pings: dict[int, tuple[int, Ping]] = {}
+        mapper.tap = self._take
+
+    def _take(self, ping: Ping, base: Pose) -> None:
+        self._pings[ping.stamp_ns] = len(self._poses), ping
+        self._poses.append((base.x, base.y, base.yaw))
+        if len(self._pings) >= _MOST_PINGS:
+            # Of the newest, some may not have reached the soundings yet.
+            self._forget(keep_from=len(self._poses) - KEPT_PINGS)
+
+    def _forget(self, keep_from: int) -> None:
+        kept = {sounding.stamp_ns for sounding in self._mapper.soundings if sounding.echo.size}
+        self._pings = {stamp_ns: entry for stamp_ns, entry in self._pings.items()
+                       if stamp_ns in kept or entry[0] >= keep_from}
+
+    def session(self, recorded_pulse: NDArray[np.float64] | None = None) -> 'Session':
+        """What is kept, to be heard again; `recorded_pulse` as in `PolygonMapper`."""
+        self._forget(keep_from=len(self._poses))
+        mapper = self._mapper
+        entries = sorted(self._pings.values(), key=lambda entry: entry[0])
+        return Session(mapper.parameters, np.array(self._poses).reshape(-1, 3), [at for at, _ in entries],
+                       [ping for _, ping in entries], mapper.locate, recorded_pulse)
+
+
+class Session:
+    """What a mapper was fed with.
+
+    The range axis is stretched with the medium's group speed, so that it covers the same time with every medium, and
+    the noise of each ping is that of the first hearing: likelihoods of different media are of the same samples.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Those that the others are compared with.
+    poses : ndarray, shape (M, 3)
+        Reported poses of the base in the order of time: x, y [m], yaw [rad].
+    at : sequence of int
+        Which pose each ping was emitted at, rising.
+    pings : sequence of Ping
+        As many.
+    locate : callable
+        As of `PolygonMapper`.
+    recorded_pulse : ndarray, shape (n,), optional
+        Samples of ``pulse.kind: file``.
+    """
+
+    def __init__(
+        self, parameters: Parameters, poses: NDArray[np.float64], at: Sequence[int], pings: Sequence[Ping],
+        locate: Callable[[str], Pose | None], recorded_pulse: NDArray[np.float64] | None = None,
+    ) -> None:
+        self.parameters = parameters
+        self._poses, self._at, self._pings = poses, np.array(at, np.int64), tuple(pings)
+        self._locate = locate
+        places = [locate(ping.frame_id) or Pose(0.0, 0.0) for ping in pings]
+        self._places = np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
+        self._recorded = recorded_pulse
+        self._speed = self._group_speed(parameters)
+        self._noise: dict[int, float] = {}
+
+    def mapper(self, parameters: Parameters) -> PolygonMapper:
+        """A mapper that has heard all of it with these parameters; its beamforming map is not to be looked at."""
+        stretch = self._group_speed(parameters) / self._speed
+        grid = parameters.grid
+        mapper = PolygonMapper(parameters.replaced(_ALL_USED | {
+            'grid.range_max_m': grid.range_max_m * stretch, 'grid.range_step_m': grid.range_step_m * stretch,
+        }), self._recorded)
+        mapper.locate = self._locate
+        for ping, pose in zip(self._pings, self._base_poses(parameters), strict=True):
+            mapper.add_pose(ping.emission_ns, Pose(*pose.tolist()))
+            mapper.add_ping(ping)
+        mapper.finish()
+        return mapper
+
+    def search(self, parameters: Parameters) -> Search:
+        """The evidence of all of it under these parameters."""
+        evidence = self.mapper(parameters).evidence
+        for sounding in evidence.soundings:
+            self._noise.setdefault(sounding.stamp_ns, sounding.noise)
+        same = tuple(dataclasses.replace(sounding, noise=self._noise[sounding.stamp_ns])
+                     for sounding in evidence.soundings)
+        return search_of(dataclasses.replace(evidence, soundings=same), parameters)
+
+    def positions(self, parameters: Parameters) -> NDArray[np.float64]:
+        """Sensor positions (N, 2) in the start frame [m] under these parameters."""
+        poses, (x, y) = self._base_poses(parameters), self._places.T
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        places = np.column_stack((poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y))
+        return Pose(float(places[0, 0]), float(places[0, 1]), float(poses[0, 2])).inverse().apply(places)
+
+    def _base_poses(self, parameters: Parameters) -> NDArray[np.float64]:
+        odometry = parameters.odometry
+        true = OdometryError(odometry.scale, odometry.yaw_drift_deg_m).corrected(self._poses)
+        return np.asarray(true[self._at])
+
+    @staticmethod
+    def _group_speed(parameters: Parameters) -> float:
+        return float(group_speed(make_medium(parameters.medium), parameters.pulse.frequency_hz))
