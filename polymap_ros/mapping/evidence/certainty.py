@@ -104,7 +104,20 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     pulse = search.data.pulse
     cycle = np.pi / pulse.carrier if found.wave is not None else pulse.width_m
     covariance[:, 0, 0] += (_CYCLE_ERROR * cycle) ** 2
-    return covariance
+    return covariance + _shared_by_all(found, search.data.positions)
+
+
+def _shared_by_all(found: Found, positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance (n, 2, 2) by the shift and the turn that all positions share, where each of them was estimated."""
+    normals = np.column_stack((np.cos(found.lines[:, 1]), np.sin(found.lines[:, 1])))
+    centre = positions.mean(axis=0)
+    lever = normals @ np.array([[0.0, 1.0], [-1.0, 0.0]]) @ centre
+    shift = found.misplaced_m**2 / len(positions)
+    turn = found.misplaced_m**2 / max(float(np.sum((positions - centre) ** 2)), 1e-300)
+    shared = np.empty((len(lever), 2, 2))
+    shared[:, 0, 0], shared[:, 1, 1] = shift + turn * lever**2, turn
+    shared[:, 0, 1] = shared[:, 1, 0] = turn * lever
+    return shared
 
 
 def _larger(plain: NDArray[np.float64], robust: NDArray[np.float64]) -> NDArray[np.float64]:

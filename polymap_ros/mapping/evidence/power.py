@@ -78,6 +78,14 @@ class PowerLikelihood:
             return -np.inf
         return self._evaluate(model, corners, order, False, np.empty((0, 0)), np.empty((0, 0)))
 
+    def shares(self, model: Model, order: int) -> NDArray[np.float64]:
+        """Each ping's share (N,) of F."""
+        self(model, order)
+        heard = slice(self.data.first_cell, None)
+        expected = self.expected(model)[:, heard]
+        return np.asarray(self.data.weight * np.sum(
+            self.data.power[:, heard] * (1.0 - 1.0 / expected) - np.log(expected), axis=1))
+
     def expected(self, model: Model) -> NDArray[np.float64]:
         """T of the model evaluated last, shape (N, n_cells)."""
         return 1.0 + model.background + model.strength * self.explained

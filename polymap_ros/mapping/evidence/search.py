@@ -38,7 +38,8 @@ class Found(NamedTuple):
     """A polygon as a model of power and, where the echoes agree in phase, as a waveform.
 
     `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price;
-    `unheard` says that a wall without any echo cuts off a corner.
+    `unheard` says that a wall without any echo cuts off a corner, `misplaced_m` by how much the pings were moved in x
+    and y (standard deviation) for their echoes to agree.
     """
 
     model: Model
@@ -46,11 +47,17 @@ class Found(NamedTuple):
     explained: float
     value: float
     unheard: bool = False
+    misplaced_m: float = 0.0
 
     @property
     def lines(self) -> NDArray[np.float64]:
         """r [m] and theta [rad] of the edges, sorted by theta."""
         return self.model.lines if self.wave is None else self.wave.lines
+
+    def moved_to(self, lines: NDArray[np.float64]) -> 'Found':
+        """The same walls on other lines, not judged anew."""
+        return self._replace(model=dataclasses.replace(self.model, lines=lines),
+                             wave=self.wave and dataclasses.replace(self.wave, lines=lines))
 
 
 class Search(PowerSearch):
@@ -59,7 +66,11 @@ class Search(PowerSearch):
     def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True) -> None:
         super().__init__(data, max_edges, generator)
         self.wave = WaveformLikelihood(data)
-        self._coherent = coherent
+        self.coherent = coherent
+
+    def over(self, data: EchoData) -> 'Search':
+        """The same search over other data."""
+        return Search(data, self._max_edges, self._generator, self.coherent)
 
     def polygon(self, start: Model) -> Generator[None, None, Found | None]:
         """Improve a start by single changes: power of two orders, then of three, then the waveform of five."""
@@ -72,7 +83,7 @@ class Search(PowerSearch):
         yield
         model = self._start.with_lines(last.lines, last.model.loss)
         model.strength = last.model.strength
-        if last.wave is None or not self._coherent:
+        if last.wave is None or not self.coherent:
             model, _ = self.power.refine(model, FULL_ORDER, 3)
             return self._judged(model, None)
         wave = self.wave.refine(last.wave.lines, last.wave.reflection, last.wave.phase, FULL_ORDER, 3)
@@ -86,7 +97,7 @@ class Search(PowerSearch):
         off by a quarter of a wavelength do that): then power has the last word.
         """
         model, score = self.power.refine(model, FULL_ORDER, 6)
-        wave = self._aligned(model) if self._coherent else None
+        wave = self._aligned(model) if self.coherent else None
         if wave is None or wave.value < _COHERENT * score:
             model = yield from self.improve(model, FULL_ORDER, residual=True)
             return self._judged(model, None)
@@ -135,7 +146,7 @@ class Search(PowerSearch):
 
     def judge(self, model: Model) -> Found | None:
         """A model as it stands, by its waveform."""
-        return self._judged(model, self._aligned(model) if self._coherent else None)
+        return self._judged(model, self._aligned(model) if self.coherent else None)
 
     def _judged(self, model: Model, wave: Wave | None) -> Found | None:
         """What a polygon explains of the echoes' power, and what it is worth."""

@@ -11,6 +11,7 @@ from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.positions import place
 from polymap_ros.mapping.evidence.power_search import PRICE
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
@@ -83,6 +84,10 @@ class EvidenceSolver:
         yield
         found = yield from self._found(search)
         self._last = found
+        if found is not None and found.wave is None and search.coherent:
+            placed = yield from place(search, found)
+            if placed is not None:
+                search, found = placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
         if found is None or found.explained < TOO_LITTLE - search.uncertainty:
             return self._open(snapshot, search)
         certainty = yield from certainty_of(search, found)
@@ -96,6 +101,8 @@ class EvidenceSolver:
         enough = EXPLAINED + 0.05
         if self._last is not None:
             best = yield from search.again(self._last)
+            if self._last.wave is None:  # as good as it was, where phases are lost
+                enough = min(enough, self._last.explained)
             if best is not None and best.explained > enough - search.uncertainty:
                 return best
         for start in search.starts():
@@ -154,6 +161,9 @@ class EvidenceSolver:
         if found.explained < EXPLAINED - search.uncertainty:
             cautions.append(Caution('unexplained', f'the polygon explains {max(found.explained, 0.0):.0%} of the '
                                     "echoes' power; the outline may not be convex, or something else reflects"))
+        if found.misplaced_m:
+            cautions.append(Caution('misplaced', 'the echoes agree only where the pings are moved by '
+                                    f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); the odometry is noisy'))
         if found.wave is None and self._parameters.echo.kind == 'rf':
             cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions or medium '
                                     'may be off, and the polygon comes from their power alone'))

@@ -125,6 +125,15 @@ class WaveformLikelihood:
             np.repeat(reflection, 3) != 0.0), float(np.sum(amplitudes**2 * v)))
         return Wave(lines, reflection, phase, amplitudes, value, scores, information)
 
+    def shares(self, wave: Wave, order: int) -> NDArray[np.float64]:
+        """Each ping's share (N,) of L for the walls and the phase of a waveform, its amplitude at its best."""
+        closed, corners = corners_of(wave.lines, self.data.shortest_m)
+        if not closed:
+            return np.zeros(len(self.data.positions))
+        sums = self._sums(wave.lines, corners, order, wave.reflection, False)
+        agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
+        return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
+
     def refine(
         self, lines: NDArray[np.float64], reflection: NDArray[np.float64], phase: float, order: int,
         iterations: int = 6,
