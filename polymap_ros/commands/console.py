@@ -5,7 +5,7 @@ import functools
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -124,3 +124,15 @@ def progress(label: str, total: int | None, unit: str = 'it') -> Iterator[Callab
               delay=1e-9) as bar:
         bar.refresh()
         yield bar.update
+
+
+def worked(work: Generator[None, None, T], label: str) -> T:
+    """Do a piece of work that yields at every step, with a progress bar."""
+    with progress(label, None, 'step') as advance:
+        while True:
+            try:
+                next(work)
+            except StopIteration as done:
+                result: T = done.value
+                return result
+            advance(1)

@@ -14,6 +14,9 @@ from polymap_ros.parameters import Parameters
 if TYPE_CHECKING:
     from polymap_ros.mapping.estimate import Caution, Estimate
     from polymap_ros.mapping.mapper import PolygonMapper
+    from polymap_ros.mapping.session import Tape
+    from polymap_ros.recordings.reading import Recording
+    from polymap_ros.recordings.replay import Replay
 
 PROGRAM = 'polymap_replay'
 SLICE = 5
@@ -48,6 +51,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--export', action='append', default=[], choices=('csv', 'geojson', 'dxf'), dest='exports',
                         help='write polygon.csv, polygon.geojson or polygon.dxf, in metres in the odometry frame, if a '
                              'polygon closes (csv: or the walls that are certain); may be repeated')
+    which = parser.add_mutually_exclusive_group()
+    which.add_argument('--calibrate', action='store_true',
+                       help='find the medium from the recording (thickness, with the shear speed if need be, or the '
+                            'constant speed), map with it, and write calibration.yaml, a parameter file')
+    which.add_argument('--fit-odometry', action='store_true',
+                       help="the same for the odometry's scale and yaw drift")
     parser.add_argument('--save-map', action='store_true', help='write beam_map.npz: the beamforming map')
     return parser
 
@@ -58,6 +67,9 @@ def _run(arguments: argparse.Namespace) -> int:
     if not (start_s is None or start_s >= 0.0) or not (end_s is None or end_s > (start_s or 0.0)):
         raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
                          'message')
+    if parameters.output.load_path and (arguments.calibrate or arguments.fit_odometry):
+        raise UsageError(f'--{"calibrate" if arguments.calibrate else "fit-odometry"} starts from a recording alone; '
+                         'leave output.load_path out')
     folders = _folders(arguments.recordings, arguments.output or Path(parameters.output.dir))
     if arguments.plot or arguments.plot_signals:
         from polymap_ros.results.picture import require_matplotlib
@@ -86,12 +98,16 @@ def _folders(recordings: Sequence[Path], output: Path) -> dict[Path, Path]:
 
 
 def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:
+    from polymap_ros.commands import calibrating
+    from polymap_ros.mapping.calibration import Fit
     from polymap_ros.mapping.comparison import compare
+    from polymap_ros.pulse_file import read_pulse
     from polymap_ros.recordings.outcome import write_outcome
     from polymap_ros.recordings.reading import Recording
-    from polymap_ros.recordings.replay import Replay, some_pings
+    from polymap_ros.recordings.replay import some_pings
     from polymap_ros.recordings.truth import read_truth
-    from polymap_ros.results.folder import RECORD, SIGNALS, result_folder
+    from polymap_ros.results.calibration_yaml import calibration_yaml
+    from polymap_ros.results.folder import CALIBRATION, RECORD, SIGNALS, result_folder
     from polymap_ros.results.save import write_results
     from polymap_ros.results.signal_picture import signals_png
     from polymap_ros.results.summary import summary
@@ -100,19 +116,27 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
     interval_s = arguments.start, arguments.end
     with Recording.open(path) as recording:
         truth = read_truth(path)
-        mapper = _make_mapper(parameters)
-        replay = Replay(recording, mapper, parameters, *interval_s)
-        with console.progress(f'{path.name}: reading', replay.total, 'msg') as advance:
-            for _ in replay:
-                advance(1)
+        mapper, replay, tape = _heard(recording, parameters, interval_s)
+        noted, fit = [], None
+        if arguments.calibrate or arguments.fit_odometry:
+            session = tape.session(read_pulse(parameters))
+            fit = calibrating.found(session, arguments.fit_odometry, path.name)
+            noted.append(calibrating.told(session, fit))
+            if isinstance(fit, Fit):
+                parameters = parameters.replaced(fit.values)
+                mapper, replay, tape = _heard(recording, parameters, interval_s)
         estimate = _solve(mapper, parameters, path.name)
-        cautions = replay.cautions()
+        if not noted:
+            noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, path.name)
+        cautions = [*replay.cautions(), *noted]
         frame = mapper.frame_id
         if mapper.plane and not mapper.plane.is_xy:
             frame, truth = f'the plane of the first pose in {frame}', None  # the truth is in the odometry's x and y
         with result_folder(folder) as stage:
             write_results(stage, mapper, estimate, parameters, cautions=cautions, truth=truth,
                           plot=arguments.plot, save_map=arguments.save_map, exports=arguments.exports)
+            if isinstance(fit, Fit):
+                (stage / CALIBRATION).write_bytes(calibration_yaml(fit.values, fit.deviations))
             if arguments.plot_signals:
                 pings = some_pings(recording, replay.echo_topic, parameters, *interval_s)
                 (stage / SIGNALS).write_bytes(signals_png(mapper, pings))
@@ -129,6 +153,22 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
         console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')
         return console.NO_POLYGON
     return console.DONE
+
+
+def _heard(
+    recording: 'Recording', parameters: Parameters, interval_s: 'tuple[float | None, float | None]'
+) -> 'tuple[PolygonMapper, Replay, Tape]':
+    """A mapper that has taken the whole recording, and what it used."""
+    from polymap_ros.mapping.session import Tape
+    from polymap_ros.recordings.replay import Replay
+
+    mapper = _make_mapper(parameters)
+    tape = Tape(mapper)
+    replay = Replay(recording, mapper, parameters, *interval_s)
+    with console.progress(f'{recording.path.name}: reading', replay.total, 'msg') as advance:
+        for _ in replay:
+            advance(1)
+    return mapper, replay, tape
 
 
 def _make_mapper(parameters: Parameters) -> 'PolygonMapper':

@@ -46,8 +46,7 @@ def diagnosis(session: Session) -> Generator[None, None, list[Caution]]:
     if 'medium.speed_m_s' in best.values:
         given = session.parameters
         scale = given.odometry.scale * best.values['medium.speed_m_s'] / given.medium.speed_m_s
-        text += (f'. With the speed given, an odometry.scale of {scale:.5g} would sound the same: echoes tell the ratio '
-                 'only')
+        text += f'. With the speed given, an odometry.scale of {scale:.5g} sounds the same: echoes tell only the ratio'
     return [Caution(code, text)]
 
 

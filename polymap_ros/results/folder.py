@@ -8,8 +8,9 @@ from polymap_ros.atomic import move_into_place, staging
 
 POLYGON, STATE, MAP_IMAGE, MAP_YAML = 'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'
 PICTURE, SIGNALS, BEAM_MAP, RECORD = 'polygon.png', 'signals.png', 'beam_map.npz', 'result.mcap'
+CALIBRATION = 'calibration.yaml'
 EXPORTS = 'polygon.csv', 'polygon.geojson', 'polygon.dxf'
-NAMES = (STATE, MAP_IMAGE, MAP_YAML, PICTURE, SIGNALS, BEAM_MAP, RECORD, *EXPORTS, POLYGON)
+NAMES = (STATE, MAP_IMAGE, MAP_YAML, PICTURE, SIGNALS, BEAM_MAP, RECORD, CALIBRATION, *EXPORTS, POLYGON)
 
 
 @contextmanager

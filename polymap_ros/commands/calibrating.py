@@ -1,0 +1,41 @@
+"""What polymap_replay does about medium and odometry: finds them when asked, and looks after them when in doubt."""
+
+from typing import TYPE_CHECKING
+
+from polymap_ros.commands import console
+
+if TYPE_CHECKING:
+    from polymap_ros.mapping.calibration import Fit, Refusal
+    from polymap_ros.mapping.estimate import Caution, Estimate
+    from polymap_ros.mapping.session import Session
+
+
+def found(session: 'Session', odometry: bool, name: str) -> 'Fit | Refusal':
+    """The odometry's error, or else the medium, from what was recorded."""
+    from polymap_ros.mapping.calibration import calibrated_medium, calibrated_odometry
+
+    return console.worked(calibrated_odometry(session) if odometry else calibrated_medium(session),
+                          f'{name}: calibrating')
+
+
+def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
+    """What the user has to know about it."""
+    from polymap_ros.mapping.calibration import Refusal
+    from polymap_ros.mapping.estimate import Caution
+    from polymap_ros.mapping.health import in_words, overrides
+
+    if isinstance(result, Refusal):
+        return Caution('not_calibrated', f'the map is made with what was given, since nothing was found: '
+                                         f'{result.reason}')
+    given = ', '.join(f'{session.parameters[name]:g}' for name in result.values)
+    return Caution('calibrated', f'the map is made with {in_words(result)} (one standard deviation), not {given}; next '
+                                 f'time: {" ".join(overrides(result))}')
+
+
+def checked(session: 'Session', estimate: 'Estimate', name: str) -> 'list[Caution]':
+    """What is wrong with medium or odometry, where the answer leaves reason to ask."""
+    from polymap_ros.mapping.health import diagnosis, doubtful
+
+    if not doubtful(estimate):
+        return []
+    return console.worked(diagnosis(session), f'{name}: checking medium and odometry')
