@@ -48,6 +48,8 @@ class PolygonMapper:
     later : callable, optional
         Does what the first ping of a length takes longer for; default: at once. Pings wait until it is done, and for
         `go_on`.
+    at_most : int, optional
+        Pings used in one go; more wait for the next pose or ping, or for `go_on`. Default: no limit.
 
     Attributes
     ----------
@@ -71,13 +73,18 @@ class PolygonMapper:
         the first question for a frame that it will never know.
     tap : callable
         Is told of every ping that is used, and of the reported pose of the base at its emission.
+    behind : bool
+        `go_on` has left something for the next time.
     missing_frame : str
         The frame that the first waiting ping waits for `locate` to know; empty where it does not.
     """
 
     def __init__(
-        self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once
+        self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once,
+        at_most: int | None = None,
     ) -> None:
+        self._at_most = at_most
+        self.behind = False
         self.parameters = parameters
         self.locate: Callable[[str], Pose | None] = lambda _: Pose(parameters.sensor.x_m, parameters.sensor.y_m)
         self.tap: Callable[[Ping, Pose], None] = lambda ping, base: None
@@ -182,23 +189,29 @@ class PolygonMapper:
     def finish(self) -> None:
         """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
         self._track.finish()
+        self._at_most = None
         self.go_on()
         self._queue.finish()
         self._use(self._common.finish())
 
     def go_on(self) -> None:
         """Use the pings that have waited long enough: for odometry, the sensor's place, what was to be done `later`."""
-        for ping, base in self._queue.placed(self._ready):
+        self.behind = False
+        for number, (ping, base) in enumerate(self._queue.placed(self._ready), 1):
             self.tap(ping, base)
             sensor = self._correction(base).compose(self.locate(ping.frame_id) or Pose(0.0, 0.0))
             self.start_pose = self.start_pose or sensor
             self._use(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
+            if number == self._at_most:
+                self.behind = True
+                return
 
     def _use(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
         """Pings with the sensor's place in the start frame."""
         for ping, place in placed:
             echo, envelope, rho, noise, confidence = self._listener.hear(ping)  # eq. (3)
-            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence))
+            self.soundings.append(Sounding(
+                ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw))
             self._thinning.add(self.soundings)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
@@ -258,7 +271,7 @@ class PolygonMapper:
     @classmethod
     def from_state(
         cls, parameters: Parameters, state: Mapping[str, NDArray[np.generic]],
-        recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once,
+        recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once, at_most: int | None = None,
     ) -> 'PolygonMapper':
         """Continue from what `state` gave.
 
@@ -267,7 +280,7 @@ class PolygonMapper:
         StateError
             For a state that is damaged, of another version, or taken with other parameters that matter.
         """
-        mapper = cls(parameters, recorded_pulse, later)
+        mapper = cls(parameters, recorded_pulse, later, at_most)
         try:
             parts = unpacked(parameters, state)
             mapper.frame_id, mapper.start_pose, mapper.plane = unpacked_frame(parts['frame'])

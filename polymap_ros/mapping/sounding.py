@@ -27,6 +27,8 @@ class Sounding:
         Standard deviation of the noise in the real part of `echo`.
     confidence : float
         How sure it is that an echo, not noise, is at `rho`; see `ranging.confidence`.
+    yaw : float
+        Heading of the sensor in the start frame [rad].
     """
 
     stamp_ns: int
@@ -37,3 +39,4 @@ class Sounding:
     rho: float
     noise: float = 1.0
     confidence: float = 1.0
+    yaw: float = 0.0

@@ -14,8 +14,8 @@ def packed_soundings(soundings: Sequence[Sounding]) -> dict[str, NDArray[np.gene
     kept = [sounding.echo for sounding in soundings if sounding.echo.size]
     return {
         'stamps_ns': np.array([sounding.stamp_ns for sounding in soundings], np.int64),
-        'places': np.array([(each.x, each.y, each.rho, each.noise, each.confidence) for each in soundings],
-                           dtype=float).reshape(-1, 5),
+        'places': np.array([(each.x, each.y, each.rho, each.noise, each.confidence, each.yaw) for each in soundings],
+                           dtype=float).reshape(-1, 6),
         'kept': np.array([sounding.echo.size > 0 for sounding in soundings], np.bool_),
         'echoes': np.array(kept, np.complex64) if kept else np.empty((0, 0), np.complex64),
     }
@@ -27,12 +27,12 @@ def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_fine: int, fold:
     kept, echoes = np.asarray(state['kept'], np.bool_), np.asarray(state['echoes'], np.complex64)
     n = len(stamps)
     shape = (int(kept.sum()), n_fine) if kept.any() else (0, 0)
-    if stamps.shape != (n,) or places.shape != (n, 5) or kept.shape != (n,) or echoes.shape != shape:
+    if stamps.shape != (n,) or places.shape != (n, 6) or kept.shape != (n,) or echoes.shape != shape:
         raise StateError(f'{n} soundings do not match {places.shape} places and {echoes.shape} echoes')
     if not (np.all(np.isfinite(places[:, :2])) and np.all(places[:, 3] > 0.0) and np.all(np.isfinite(echoes))):
         raise StateError('the soundings are not finite')
     rows = iter(echoes)
     echoes_or_none = [next(rows) if is_kept else np.empty(0, np.complex64) for is_kept in kept]
-    return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise, confidence)
-            for stamp_ns, (x, y, rho, noise, confidence), echo
+    return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise, confidence, yaw)
+            for stamp_ns, (x, y, rho, noise, confidence, yaw), echo
             in zip(stamps.tolist(), places.tolist(), echoes_or_none, strict=True)]

@@ -31,7 +31,9 @@ class EchoData:
     Attributes
     ----------
     positions : ndarray, shape (N, 2)
-        Sensor positions in the start frame [m].
+        Sensor positions in the start frame [m], half way between emitter and receiver.
+    baselines : ndarray, shape (N, 3)
+        From emitter to receiver [m]: in the start frame's x and y, and up.
     signal : ndarray, shape (N, n_ranges), complex64
         Eq. (3) without the pulse's carrier, scaled so that the noise has variance 1 in its real and imaginary part.
     power : ndarray, shape (N, n_cells)
@@ -53,6 +55,7 @@ class EchoData:
     """
 
     positions: NDArray[np.float64]
+    baselines: NDArray[np.float64]
     signal: NDArray[np.complex64]
     power: NDArray[np.float64]
     filling: NDArray[np.float64]
@@ -65,13 +68,17 @@ class EchoData:
 
     @property
     def ends(self) -> NDArray[np.float64]:
-        """Emitter and receiver of each ping [m], shape (N, 4)."""
-        return np.ascontiguousarray(np.hstack((self.positions, self.positions)))
+        """x and y of emitter and receiver, and the height between them, of each ping [m], shape (N, 5)."""
+        half = 0.5 * self.baselines[:, :2]
+        return np.hstack((self.positions - half, self.positions + half, self.baselines[:, 2:]))
 
     @property
     def shortest_m(self) -> float:
-        """A cycle of range, half a wavelength [m]: a shorter edge reflects as a point does, not as a wall."""
-        return float(np.pi / self.pulse.carrier)
+        """A cycle of range, half a wavelength [m]: a shorter edge reflects as a point does, not as a wall.
+
+        Magnitudes have no cycles: the pulse's width instead.
+        """
+        return float(np.pi / self.pulse.carrier) if self.pulse.carrier else self.pulse.width_m
 
     @property
     def soft_m(self) -> float:
@@ -90,9 +97,13 @@ class EchoData:
 
     @classmethod
     def of(
-        cls, soundings: Sequence[Sounding], pulse: PulseShape, spreading: float, blanking_m: float
+        cls, soundings: Sequence[Sounding], pulse: PulseShape, spreading: float, blanking_m: float,
+        baseline_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
     ) -> 'EchoData':
-        """Gather soundings, whose echoes lie on one range axis."""
+        """Gather soundings, whose echoes lie on one range axis, of a sensor with this baseline (forward, left, up)."""
+        c, s = (turn(np.array([sounding.yaw for sounding in soundings])) for turn in (np.cos, np.sin))
+        x, y, z = baseline_m
+        baselines = np.column_stack((x * c - y * s, x * s + y * c, np.full(len(c), z)))
         positions = np.array([(sounding.x, sounding.y) for sounding in soundings])
         scaled = np.array([sounding.echo / np.float32(sounding.noise) for sounding in soundings])
         ranges = pulse.step_m * np.arange(scaled.shape[1])
@@ -106,5 +117,5 @@ class EchoData:
         power += filling[:, None]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
-        return cls(positions, signal, np.ascontiguousarray(power), filling, excess / np.median(excess), first,
+        return cls(positions, baselines, signal, np.ascontiguousarray(power), filling, excess / np.median(excess), first,
                    float(ranges[last]), stride * pulse.step_m, pulse, spreading)

@@ -100,9 +100,10 @@ def trace_paths(
     planes: NDArray[np.float64], corners: NDArray[np.float64], ends: NDArray[np.float64], order: int,
     range_max: float, soft: float, paths: Paths,
 ) -> int:
-    """Fill `paths` with those audible from emitter to receiver, `ends` (4,), with `half` up to `range_max`.
+    """Fill `paths` with those audible from emitter to receiver with `half` up to `range_max`.
 
-    The walls are given by `planes_of` their lines and by their corners. Returns the number of paths.
+    `ends` (5,) are x and y of emitter and receiver, and the height between them; the walls are given by `planes_of`
+    their lines and by their corners. Returns the number of paths.
     """
     count = min(trace_images(corners, ends[0], ends[1], ends[2], ends[3], order, soft, paths.images, paths.walls),
                 len(paths.images))
@@ -110,7 +111,8 @@ def trace_paths(
     kept = 0
     for m in range(count):
         x, y = paths.images[m, 0] - ends[2], paths.images[m, 1] - ends[3]
-        d = 0.5 * np.sqrt(x * x + y * y)
+        flat = 0.5 * np.sqrt(x * x + y * y)
+        d = np.sqrt(flat * flat + 0.25 * ends[4] * ends[4])
         if d > range_max:
             continue
         hits = 0
@@ -119,6 +121,9 @@ def trace_paths(
             if paths.walls[m, level] >= 0:
                 hits += 1
         weight = _back_traced(planes, corners, ends, hits, soft, paths.walls[kept], chain, paths.slopes[kept])
+        for level in range(hits):
+            for axis in range(2):
+                paths.slopes[kept, level, axis] *= flat / d
         if weight > 0.0:
             paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
             kept += 1

@@ -88,7 +88,7 @@ class EvidenceSolver:
             placed = yield from place(search, found)
             if placed is not None:
                 search, found = placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
-        if found is None or found.explained < TOO_LITTLE - search.uncertainty:
+        if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
             return self._open(snapshot, search)
         certainty = yield from certainty_of(search, found)
         if self._straight(snapshot) and min(certainty.likelihood) < CERTAIN:
@@ -174,7 +174,9 @@ def search_of(evidence: Evidence, parameters: Parameters) -> Search:
     """A search over the pings whose echoes are kept."""
     assert evidence.pulse is not None, 'the mapper knows its pulse'
     heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
-    data = EchoData.of(heard, evidence.pulse, parameters.medium.spreading, parameters.echo.blanking_m)
+    sensor = parameters.sensor
+    data = EchoData.of(heard, evidence.pulse, parameters.medium.spreading, parameters.echo.blanking_m,
+                       (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m))
     generator = np.random.default_rng(parameters.solver.seed)
     return Search(data, parameters.solver.max_edges, generator, parameters.echo.kind == 'rf')
 
