@@ -33,6 +33,10 @@ class Background:
         self._jobs.append(self._thread.submit(job))
         self._jobs[-1].add_done_callback(lambda _: self._ended.trigger())
 
+    def again(self) -> None:
+        """Call `follow` again, after the callbacks that wait."""
+        self._ended.trigger()
+
     def close(self) -> None:
         """Let the jobs end."""
         self._thread.shutdown()

@@ -32,6 +32,8 @@ from polymap_ros.results.arrays import read_state
 
 DIAGNOSTICS_PERIOD_S = 1.0
 AUTOSAVE_CHECK_S = 0.5
+PINGS_AT_ONCE = 4
+"""Pings that have waited are used so many at a time, so that what comes meanwhile does not wait for all of them."""
 
 
 class PolymapNode(Node):  # type: ignore[misc]
@@ -61,9 +63,9 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._background = Background(self, self._stopwatch, self._go_on)
         if parameters.output.load_path:
             state = read_state(Path(parameters.output.load_path))
-            self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background)
+            self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background, PINGS_AT_ONCE)
         else:
-            self._mapper = PolygonMapper(parameters, pulse, self._background)
+            self._mapper = PolygonMapper(parameters, pulse, self._background, PINGS_AT_ONCE)
         self._sensor_frame = SensorFrame(self) if parameters.sensor.from_tf else None
         if self._sensor_frame is not None:
             self._mapper.locate = self._sensor_frame
@@ -117,7 +119,7 @@ class PolymapNode(Node):  # type: ignore[misc]
             self._odometry.refused += 1
             self.get_logger().warning('an odometry message was stamped far ahead of the next one and is left out',
                                       throttle_duration_sec=10.0)
-        self._latency.settle()
+        self._settle()
         if not taken:
             self._odometry.refused += 1
             if frame_id != self._mapper.frame_id:
@@ -136,11 +138,16 @@ class PolymapNode(Node):  # type: ignore[misc]
             return
         self._latency.arrived(ping.stamp_ns, received_ns)
         self._mapper.add_ping(ping)
-        self._latency.settle()
+        self._settle()
 
     def _go_on(self) -> None:
         self._mapper.go_on()
+        self._settle()
+
+    def _settle(self) -> None:
         self._latency.settle()
+        if self._mapper.behind:
+            self._background.again()
 
     def _watch_clock(self) -> None:
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)

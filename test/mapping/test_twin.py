@@ -57,6 +57,21 @@ def test_pings_wait_for_their_filter_in_order_and_give_the_same_map(ride):
     assert same(mapper, at_once)
 
 
+def test_pings_that_have_waited_are_used_a_few_at_a_time(ride):
+    late, early = PolygonMapper(PARAMETERS, at_most=4), PolygonMapper(PARAMETERS)
+    for each in (late, early):
+        each.add_pose(0, Pose(0.5, 0.3))
+        for k in range(9):
+            each.add_ping(dataclasses.replace(ride[k][1], stamp_ns=k + 1, samples=ride[0][1].samples + 1e-3 * k))
+        each.add_pose(10**6, Pose(0.6, 0.3))
+    used = [late.counts.used]
+    while late.behind:
+        late.go_on()
+        used.append(late.counts.used)
+    assert used == [4, 8, 9]
+    assert same(late, early)
+
+
 def test_what_is_added_to_a_mapper_does_not_reach_its_twin(ride):
     mapper, reference = PolygonMapper(PARAMETERS), PolygonMapper(PARAMETERS)
     feed(mapper, ride[:20])
