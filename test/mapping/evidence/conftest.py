@@ -48,7 +48,9 @@ def _hear(vertices, positions, snr_db=0.0, clean=False, **rest):
         heard = listener.hear(Ping(0, ping, scene.period_s, scene.t0_s))
         noise = sigma / np.linalg.norm(ping)
         soundings.append(Sounding(0, x, y, heard.echo, heard.envelope, heard.rho, noise))
-    data = EchoData.of(soundings, listener.shape, 0.5, parameters.echo.blanking_m)
+    sensor = scene.sensor
+    data = EchoData.of(soundings, listener.shape, 0.5, parameters.echo.blanking_m,
+                       (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m))
     lines = polygon_lines(scene.vertices)
     order = np.argsort(lines[:, 1])
     return Heard(scene, lines[order], scene.reflection[order], samples, sigma, data)
@@ -73,10 +75,11 @@ class Path:
     weight: np.ndarray
 
 
-def _unfold(lines, emitters, order, soft, receivers=None):
+def _unfold(lines, emitters, order, soft, receivers=None, height=0.0):
     """All sequences of walls that some ping hears, each unfolded in the complex plane; ends are hard where soft is 0.
 
     Inside its end by s, a hit counts 1/2 + (3 x - x^3) / 4 with x = s / soft within -1 ... 1; a path, its least hit.
+    The receiver is that much higher than the emitter; walls are upright.
     """
     vertices, which = half_plane_polygon(lines)
     corners = {int(wall): vertices[i] @ (1, 1j) for i, wall in enumerate(which)}
@@ -102,7 +105,7 @@ def _unfold(lines, emitters, order, soft, receivers=None):
             x = np.clip(inside / soft, -1.0, 1.0) if soft else np.sign(inside)
             weight = 0.5 + (3.0 * x - x**3) / 4.0
             if np.any(weight > 0.0):
-                paths.append(Path(walls, abs(images[-1] - target) / 2.0, weight))
+                paths.append(Path(walls, np.hypot(abs(images[-1] - target), height) / 2.0, weight))
     return paths
 
 
@@ -114,8 +117,9 @@ def _away_from_ends(lines, positions, order, soft):
 
 def _some(data, pings):
     """The data of some pings only."""
-    chosen = {name: getattr(data, name)[pings] for name in ('positions', 'signal', 'power', 'filling', 'gain')}
-    return dataclasses.replace(data, **chosen)
+    arrays = {each.name: getattr(data, each.name) for each in dataclasses.fields(data)}
+    return dataclasses.replace(data, **{name: array[pings] for name, array in arrays.items()
+                                        if isinstance(array, np.ndarray)})
 
 
 @pytest.fixture(scope='session')

@@ -19,10 +19,10 @@ def sorted_walls(vertices):
 
 
 def traced(vertices, ends, order, range_max, soft):
-    """The audible paths from emitter to receiver, as `trace_paths` gives them."""
+    """The audible paths from emitter to receiver, as `trace_paths` gives them; both are on one height unless given."""
     paths = room_for_paths(order)
-    lines = polygon_lines(vertices)
-    count = trace_paths(planes_of(lines), vertices, np.ravel(ends), order, range_max, soft, paths)
+    ends = np.append(ends, np.zeros(5 - len(ends)))
+    count = trace_paths(planes_of(polygon_lines(vertices)), vertices, ends, order, range_max, soft, paths)
     assert count < CAPACITY
     return Paths(*(column[:count] for column in paths))
 
@@ -90,17 +90,17 @@ def test_edges_no_longer_than_the_shortest_are_none(shortest_m):
         assert not corners_of(np.array(square), 2.0)[0]
 
 
-@pytest.mark.parametrize('apart_m', [0.0, 0.05])
+@pytest.mark.parametrize(('apart_m', 'height_m'), [(0.0, 0.0), (0.05, 0.0), (0.03, 0.2)])
 @pytest.mark.parametrize('soft', [1e-6, 1e-3, 0.02])
 @pytest.mark.parametrize('n', [3, 4, 5, 7])
-def test_every_audible_path_is_traced(n, soft, apart_m, unfold):
+def test_every_audible_path_is_traced(n, soft, apart_m, height_m, unfold):
     """With half its length and with what the ends of its walls leave of it."""
     scene = random_scene(11, n)
     vertices, lines = sorted_walls(scene.vertices)
     places = scene.positions[::8]
     receivers = beside(places, apart_m)
-    expected, between = unfold(lines, places, 3, soft, receivers), 0
-    for i, ends in enumerate(np.hstack((places, receivers))):
+    expected, between = unfold(lines, places, 3, soft, receivers, height_m), 0
+    for i, ends in enumerate(np.column_stack((places, receivers, np.full(len(places), height_m)))):
         paths = traced(vertices, ends, 3, 100.0, soft)
         found = {key: (d, weight) for key, d, weight in zip(keys(paths), paths.half, paths.weight, strict=True)}
         heard = {path.walls: (path.half[i], path.weight[i]) for path in expected if path.weight[i] > 1e-9}
@@ -170,9 +170,9 @@ def test_paths_end_with_the_range(triangle):
     np.testing.assert_array_equal(paths.weight, 1.0)
 
 
-@pytest.mark.parametrize('apart_m', [0.0, 0.05])
-@pytest.mark.parametrize('n', [3, 5, 8])
-def test_derivatives_are_those_of_the_unfolded_lengths(n, apart_m, unfold):
+@pytest.mark.parametrize(('n', 'apart_m', 'height_m'), [
+    (3, 0.0, 0.0), (3, 0.05, 0.0), (5, 0.0, 0.0), (5, 0.1, 0.2), (8, 0.05, 0.0)])
+def test_derivatives_are_those_of_the_unfolded_lengths(n, apart_m, height_m, unfold):
     scene = random_scene(13, n)
     vertices, lines = sorted_walls(scene.vertices)
     order = {3: 5, 5: 4, 8: 3}[n]
@@ -183,11 +183,12 @@ def test_derivatives_are_those_of_the_unfolded_lengths(n, apart_m, unfold):
     for wall, axis in itertools.product(range(n), range(2)):
         moved = np.zeros((n, 2))
         moved[wall, axis] = step
-        before, after = ({path.walls: path.half for path in unfold(lines + way * moved, places, order, 1e-3, receivers)}
+        before, after = ({path.walls: path.half
+                          for path in unfold(lines + way * moved, places, order, 1e-3, receivers, height_m)}
                          for way in (-1.0, 1.0))
         for key in before.keys() & after.keys():
             slopes[key, wall, axis] = (after[key] - before[key]) / (2.0 * step)
-    for i, ends in enumerate(np.hstack((places, receivers))):
+    for i, ends in enumerate(np.column_stack((places, receivers, np.full(len(places), height_m)))):
         paths = traced(vertices, ends, order, 100.0, 1e-3)
         for m, key in enumerate(keys(paths)):
             if paths.weight[m] < 1e-3:  # may be heard on one side only
