@@ -44,8 +44,7 @@ class Edge:
         wrapped = float(np.arctan2(np.sin(theta), np.cos(theta)))
         if self.r_std is None or self.theta_std is None:
             return dataclasses.replace(self, r=float(r), theta=wrapped)
-        # The further the new origin lies along the wall, the more the angle's error moves r.
-        lever = float(frame.y * np.cos(theta) - frame.x * np.sin(theta))
+        lever = _lever(frame, theta)
         variance = self.r_std**2 + 2.0 * lever * self.r_theta_covariance + (lever * self.theta_std) ** 2
         covariance = self.r_theta_covariance + lever * self.theta_std**2
         return dataclasses.replace(self, r=float(r), theta=wrapped, r_std=float(np.sqrt(max(variance, 0.0))),
@@ -54,14 +53,29 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A closed polygon: counter-clockwise vertices (n, 2) [m]; edge i runs from vertex i to vertex i + 1."""
+    """A closed polygon: counter-clockwise vertices (n, 2) [m]; edge i runs from vertex i to vertex i + 1.
+
+    `covariance` (2 n, 2 n) is that of r and theta of edge 0, edge 1, ...; None where only each edge's own is known.
+    """
 
     vertices: NDArray[np.float64]
     edges: tuple[Edge, ...]
+    covariance: NDArray[np.float64] | None = None
 
     def moved(self, frame: Pose) -> 'Candidate':
         """The same polygon, seen from the frame in which `frame` is its own origin."""
-        return Candidate(frame.apply(self.vertices), tuple(edge.moved(frame) for edge in self.edges))
+        edges = tuple(edge.moved(frame) for edge in self.edges)
+        if self.covariance is None:
+            return Candidate(frame.apply(self.vertices), edges)
+        change = np.eye(2 * len(edges))
+        for k, edge in enumerate(edges):
+            change[2 * k, 2 * k + 1] = _lever(frame, edge.theta)
+        return Candidate(frame.apply(self.vertices), edges, change @ self.covariance @ change.T)
+
+
+def _lever(frame: Pose, theta: float) -> float:
+    """How far a frame's origin lies along a wall: the further, the more the angle's error moves r."""
+    return float(frame.y * np.cos(theta) - frame.x * np.sin(theta))
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from polymap_ros.mapping.estimate import Candidate, Edge
 class Dimensions(NamedTuple):
     """The sizes of a polygon; edge i runs from corner i to corner i + 1. nan is not known.
 
-    The deviations are propagated to first order from the covariance of r and theta of every edge. The errors of two
-    edges are taken as independent, since no solver gives their covariance.
+    The deviations are propagated to first order from the covariance of r and theta of all edges; where only each edge's
+    own is known, the errors of two edges are taken as independent.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def dimensions(polygon: Candidate) -> Dimensions:
     across = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
     by_area = 0.5 * np.einsum('k,kp->p', across[:, 1], moved[:, 0]) - 0.5 * np.einsum(
         'k,kp->p', across[:, 0], moved[:, 1])
-    covariance = _covariance(polygon.edges)
+    covariance = _covariance(polygon.edges) if polygon.covariance is None else polygon.covariance
     return Dimensions(
         lengths, _deviations(by_length, covariance),
         np.pi - turns, _deviations(by_angle.reshape(n, 2 * n), covariance),

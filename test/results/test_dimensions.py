@@ -26,13 +26,33 @@ def polygon_of(corners, seed):
     return Candidate(corners, tuple(edges))
 
 
+def together(polygon, seed):
+    """The same, whose edges err together: by the shift and the turn of all, and each two by a part in common."""
+    generator = np.random.default_rng(seed)
+    size = 2 * len(polygon.edges)
+    shared = generator.normal(size=(size, size)) * np.tile((1e-4, 2e-4), len(polygon.edges))[:, None]
+    normals = [(np.cos(edge.theta), np.sin(edge.theta)) for edge in polygon.edges]
+    moved = np.array([row for x, y in normals for row in ((x, y, 0.0), (0.0, 0.0, 1.0))])
+    covariance = shared @ shared.T / size + moved @ np.diag((1e-3, 1e-3, 2e-3)) ** 2 @ moved.T
+    edges = [dataclasses.replace(edge, r_std=np.sqrt(covariance[2 * k, 2 * k]),
+                                 theta_std=np.sqrt(covariance[2 * k + 1, 2 * k + 1]),
+                                 r_theta_covariance=covariance[2 * k, 2 * k + 1])
+             for k, edge in enumerate(polygon.edges)]
+    return Candidate(polygon.vertices, tuple(edges), covariance)
+
+
 def drawn(polygon, number, seed):
     """Polygons with the errors of their edges drawn from the covariances: the walls as segments, cut by shapely."""
     generator = np.random.default_rng(seed)
     walls = []
-    for edge in polygon.edges:
-        covariance = [[edge.r_std**2, edge.r_theta_covariance], [edge.r_theta_covariance, edge.theta_std**2]]
-        r, theta = generator.multivariate_normal([edge.r, edge.theta], covariance, number).T
+    covariance = polygon.covariance
+    if covariance is None:
+        covariance = np.zeros((2 * len(polygon.edges), 2 * len(polygon.edges)))
+        for k, edge in enumerate(polygon.edges):
+            covariance[2 * k:2 * k + 2, 2 * k:2 * k + 2] = [
+                [edge.r_std**2, edge.r_theta_covariance], [edge.r_theta_covariance, edge.theta_std**2]]
+    means = [value for edge in polygon.edges for value in (edge.r, edge.theta)]
+    for r, theta in generator.multivariate_normal(means, covariance, number).T.reshape(len(polygon.edges), 2, number):
         foot = r[:, None] * np.column_stack((np.cos(theta), np.sin(theta)))
         reach = 10.0 * np.column_stack((-np.sin(theta), np.cos(theta)))
         walls.append(shapely.linestrings(np.stack((foot - reach, foot + reach), axis=1)))
@@ -62,21 +82,29 @@ def test_sizes_are_those_of_shapely(corners):
 
 @pytest.mark.parametrize(('corners', 'seed'), [(PENTAGON, 2), (PENTAGON, 3), (NEEDLE, 4)])
 def test_deviations_are_those_of_polygons_drawn_at_random(corners, seed):
-    polygon = polygon_of(corners, seed)
-    found = dimensions(polygon)
-    lengths, angles, areas = measured(drawn(polygon, 10_000, seed))
-    np.testing.assert_allclose(found.length_stds_m, lengths.std(axis=1), rtol=0.04)
-    np.testing.assert_allclose(found.angle_stds_rad, angles.std(axis=1), rtol=0.04)
-    assert found.area_std_m2 == pytest.approx(areas.std(), rel=0.04)
+    for polygon in (polygon_of(corners, seed), together(polygon_of(corners, seed), seed)):
+        found = dimensions(polygon)
+        lengths, angles, areas = measured(drawn(polygon, 10_000, seed))
+        np.testing.assert_allclose(found.length_stds_m, lengths.std(axis=1), rtol=0.04)
+        np.testing.assert_allclose(found.angle_stds_rad, angles.std(axis=1), rtol=0.04)
+        assert found.area_std_m2 == pytest.approx(areas.std(), rel=0.04)
 
 
 def test_sizes_do_not_depend_on_the_frame():
     """r and its deviation do: seen from afar, the angle's error moves the line's nearest point."""
-    near = polygon_of(PENTAGON, 5)
-    far = near.moved(Pose(40.0, -25.0, 0.7))
-    assert max(edge.r_std for edge in far.edges) > 10.0 * max(edge.r_std for edge in near.edges)
-    for one, other in zip(dimensions(near), dimensions(far), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-6)
+    for near in (polygon_of(PENTAGON, 5), together(polygon_of(PENTAGON, 5), 5)):
+        far = near.moved(Pose(40.0, -25.0, 0.7))
+        assert max(edge.r_std for edge in far.edges) > 10.0 * max(edge.r_std for edge in near.edges)
+        for one, other in zip(dimensions(near), dimensions(far), strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-6)
+
+
+def test_a_covariance_of_all_edges_is_moved_as_that_of_each():
+    far = together(polygon_of(PENTAGON, 7), 7).moved(Pose(3.0, -2.0, -2.0))
+    variances = [value for edge in far.edges for value in (edge.r_std**2, edge.theta_std**2)]
+    np.testing.assert_allclose(np.diag(far.covariance), variances, rtol=1e-9)
+    both = [edge.r_theta_covariance for edge in far.edges]
+    np.testing.assert_allclose(np.diag(far.covariance, 1)[::2], both, rtol=1e-9)
 
 
 def test_what_no_solver_says_is_not_known():

@@ -23,7 +23,7 @@ _SILENT = 0.2
 
 
 class Certainty(NamedTuple):
-    """Of each edge: the probability that it is real, the covariance (n, 2, 2) of r [m] and theta [rad].
+    """Of each edge: the probability that it is real; of all, the covariance (2 n, 2 n) of r [m], theta [rad] of each.
 
     `unsupported` edges bound the polygon and were not heard: without them nothing closes, or they hardly reflect.
     """
@@ -98,32 +98,25 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     centred = scores - scores.mean(axis=0)
     pings = len(scores)
     spread = inverse @ (centred.T @ centred) @ inverse * (pings / max(pings - 3, 1))
-    n = len(found.lines)
-    blocks = [(inverse[3 * k:3 * k + 2, 3 * k:3 * k + 2], spread[3 * k:3 * k + 2, 3 * k:3 * k + 2]) for k in range(n)]
-    covariance = np.array([_larger(plain, robust) for plain, robust in blocks])
+    walls = np.arange(len(scale)) % 3 < 2  # without the losses
+    plain, robust = inverse[np.ix_(walls, walls)], np.diag(spread)[walls]
+    factor = np.maximum(1.0, np.max((robust / np.maximum(np.diag(plain), 1e-300)).reshape(-1, 2), axis=1))
+    factor = np.repeat(np.sqrt(factor), 2)
+    covariance: NDArray[np.float64] = plain * np.outer(factor, factor)
     pulse = search.data.pulse
     cycle = np.pi / pulse.carrier if found.wave is not None else pulse.width_m
-    covariance[:, 0, 0] += (_CYCLE_ERROR * cycle) ** 2
+    offsets = np.arange(0, len(covariance), 2)
+    covariance[offsets, offsets] += (_CYCLE_ERROR * cycle) ** 2
     return covariance + _shared_by_all(found, search.data.positions)
 
 
 def _shared_by_all(found: Found, positions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance (n, 2, 2) by the shift and the turn that all positions share, where each of them was estimated."""
-    normals = np.column_stack((np.cos(found.lines[:, 1]), np.sin(found.lines[:, 1])))
-    centre = positions.mean(axis=0)
-    lever = normals @ np.array([[0.0, 1.0], [-1.0, 0.0]]) @ centre
-    shift = found.misplaced_m**2 / len(positions)
-    turn = found.misplaced_m**2 / max(float(np.sum((positions - centre) ** 2)), 1e-300)
-    shared = np.empty((len(lever), 2, 2))
-    shared[:, 0, 0], shared[:, 1, 1] = shift + turn * lever**2, turn
-    shared[:, 0, 1] = shared[:, 1, 0] = turn * lever
-    return shared
-
-
-def _larger(plain: NDArray[np.float64], robust: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A covariance (2, 2) scaled up to the larger variances of another, and no less than rounding."""
-    variances = np.maximum(np.diag(plain), 1e-18)
-    factor = max(1.0, float(np.max(np.diag(robust) / variances)))
-    bound = 0.999 * np.sqrt(variances[0] * variances[1])
-    off = float(np.clip(plain[0, 1], -bound, bound))
-    return factor * np.array([[variances[0], off], [off, variances[1]]])
+    """Covariance (2 n, 2 n) by the shift and the turn that all positions share, where each of them was estimated."""
+    c, s = np.cos(found.lines[:, 1]), np.sin(found.lines[:, 1])
+    x, y = centre = positions.mean(axis=0)
+    by_motion = np.zeros((2 * len(c), 3))
+    by_motion[::2] = np.column_stack((c, s, c * y - s * x))
+    by_motion[1::2, 2] = 1.0
+    spread = max(float(np.sum((positions - centre) ** 2)), 1e-300)
+    variances = found.misplaced_m**2 / np.array([len(positions), len(positions), spread])
+    return np.asarray(by_motion * variances @ by_motion.T)

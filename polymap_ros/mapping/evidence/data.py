@@ -117,5 +117,6 @@ class EchoData:
         power += filling[:, None]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
-        return cls(positions, baselines, signal, np.ascontiguousarray(power), filling, excess / np.median(excess), first,
-                   float(ranges[last]), stride * pulse.step_m, pulse, spreading)
+        gain = excess / np.median(excess)
+        return cls(positions, baselines, signal, np.ascontiguousarray(power), filling, gain, first, float(ranges[last]),
+                   stride * pulse.step_m, pulse, spreading)

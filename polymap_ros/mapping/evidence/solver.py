@@ -214,9 +214,10 @@ def polygon_of(found: Found, certainty: Certainty, positions: NDArray[np.float64
     lines = found.lines
     _, corners = corners_of(lines)
     pings = feet_on_edges(corners, positions)
+    deviations = np.sqrt(np.diag(certainty.covariance)).reshape(-1, 2)
     edges = tuple(
-        Edge(float(r), float(theta), float(certainty.likelihood[k]), float(np.sqrt(certainty.covariance[k, 0, 0])),
-             float(np.sqrt(certainty.covariance[k, 1, 1])), int(pings[k]), float(certainty.covariance[k, 0, 1]))
+        Edge(float(r), float(theta), float(certainty.likelihood[k]), float(deviations[k, 0]), float(deviations[k, 1]),
+             int(pings[k]), float(certainty.covariance[2 * k, 2 * k + 1]))
         for k, (r, theta) in enumerate(lines))
-    return Candidate(corners, edges)
+    return Candidate(corners, edges, certainty.covariance)
 
