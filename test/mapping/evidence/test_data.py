@@ -10,7 +10,8 @@ from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.listening import Listener
 from polymap_ros.mapping.sounding import Sounding
-from polymap_ros.parameters import Parameters
+from polymap_ros.parameters import Parameters, SensorParameters
+from polymap_ros.simulation.scenes import Scene
 
 PARAMETERS = Parameters()
 
@@ -121,6 +122,31 @@ def test_noise_that_counts_for_more_than_it_is_is_filled_up(noise, listener):
     data = data_of(quiet, listener)
     np.testing.assert_allclose(data.filling, 0.75, atol=0.1)
     assert data.power[:, data.first_cell:-10].mean() == pytest.approx(1.0, abs=0.03)
+
+
+def test_emitter_and_receiver_turn_with_the_sensor(noise, listener):
+    """As the simulator places them on a robot of any heading."""
+    sensor = SensorParameters(x_m=0.1, baseline_x_m=0.05, baseline_y_m=-0.02, baseline_z_m=0.3)
+    poses = np.column_stack((np.random.default_rng(1).uniform(-0.5, 0.5, (6, 2)), np.linspace(-3.0, 3.0, 6)))
+    scene = Scene('square', 2.0 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), poses, sensor=sensor)
+    soundings = [dataclasses.replace(each, x=x, y=y, yaw=yaw)
+                 for each, (x, y), yaw in zip(noise, scene.positions, poses[:, 2], strict=False)]
+    data = EchoData.of(soundings, listener.shape, 0.5, 0.02, (0.05, -0.02, 0.3))
+    np.testing.assert_allclose(data.ends, np.column_stack((*scene.ends, np.full(6, 0.3))), atol=1e-12)
+
+
+def test_the_shortest_edge_is_half_a_wavelength_or_of_magnitudes_a_pulses_width(noise, listener):
+    data = data_of(noise[:3], listener)
+    wavelength = 2.0 * np.pi / 315.89579  # of A0 at 100 kHz in 6 mm of aluminium
+    assert data.shortest_m == pytest.approx(0.5 * wavelength, rel=0.06)  # the mean wavenumber of the burst
+    assert data.soft_m == pytest.approx(0.1 * data.shortest_m)
+    parameters = PARAMETERS.replaced({'echo.kind': 'envelope'})
+    magnitudes = Listener(parameters, BeamformingMap(parameters.grid).r_m)
+    samples = np.random.default_rng(2).rayleigh(size=(3, 2048))
+    data = data_of([Sounding(0, 0.0, 0.0, *list(magnitudes.hear(Ping(0, each, 1e-6)))[:4]) for each in samples],
+                   magnitudes)
+    assert data.shortest_m == data.pulse.width_m
+    assert 0.005 < data.shortest_m < 0.08
 
 
 def test_the_loudness_cancels(noise, listener):

@@ -13,7 +13,7 @@ from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.evidence.waveform import WaveformLikelihood, gradient
 from polymap_ros.mapping.lines import polygon_lines
 from polymap_ros.mapping.listening import Listener
-from polymap_ros.parameters import Parameters
+from polymap_ros.parameters import Parameters, SensorParameters
 from polymap_ros.simulation.waveforms import Synthesis
 
 N = 4096
@@ -27,8 +27,9 @@ def synthesise(in_pentagon, unfold):
     synthesis = Synthesis(make_medium(scene.medium), make_pulse(scene.pulse), 2 * N, scene.period_s)
     norm = np.linalg.norm(synthesis(np.array([2.0]), np.array([np.sqrt(2.0)])))
 
-    def templates(lines, reflection, positions, order):
-        paths = unfold(lines, positions, order, soft)
+    def templates(lines, reflection, positions, order, baseline=(0.0, 0.0, 0.0)):
+        half_way = 0.5 * np.array(baseline[:2])
+        paths = unfold(lines, positions - half_way, order, soft, positions + half_way, baseline[2])
         half = np.array([path.half for path in paths])
         amplitude = np.array([np.prod(np.asarray(reflection)[list(path.walls)]) * path.weight for path in paths])
         rows = []
@@ -104,6 +105,20 @@ def test_equals_the_matched_filter_on_samples(room, order, scale, request, synth
         phases = np.linspace(-0.5, 0.5, 201)
         values = [ratio(heard, templates, phase)[1].sum() for phase in phases]
         assert wave.phase == pytest.approx(phases[np.argmax(values)], abs=0.01)
+
+
+@pytest.mark.parametrize('baseline', [(0.05, 0.0, 0.0), (-0.02, 0.04, 0.15)])
+def test_equals_the_matched_filter_for_a_receiver_apart(baseline, hear, pentagon, inside, synthesise):
+    """Beside and above the emitter; as if both were half way between them, far less would be explained."""
+    sensor = SensorParameters(baseline_x_m=baseline[0], baseline_y_m=baseline[1], baseline_z_m=baseline[2])
+    heard = hear(pentagon, inside(pentagon, 12), order=3, n_samples=N, seed=5, sensor=sensor)
+    wave = WaveformLikelihood(heard.data).evaluate(heard.lines, heard.reflection, 0.0, 3)
+    templates = synthesise(heard.lines, heard.reflection, heard.data.positions, 3, baseline)
+    amplitudes, ratios = ratio(heard, templates, wave.phase)
+    assert wave.value == pytest.approx(ratios.sum(), rel=0.005, abs=2.0)
+    np.testing.assert_allclose(wave.amplitudes, amplitudes, rtol=0.01, atol=0.02 * amplitudes.max())
+    together = dataclasses.replace(heard.data, baselines=np.zeros((12, 3)))
+    assert WaveformLikelihood(together).evaluate(heard.lines, heard.reflection, 0.0, 3).value < 0.8 * wave.value
 
 
 def test_a_device_that_turns_the_phase_changes_nothing_else(pentagon_heard):
