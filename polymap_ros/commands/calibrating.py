@@ -34,8 +34,9 @@ def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
 
 def checked(session: 'Session', estimate: 'Estimate', name: str) -> 'list[Caution]':
     """What is wrong with medium or odometry, where the answer leaves reason to ask."""
-    from polymap_ros.mapping.health import diagnosis, doubtful
+    from polymap_ros.mapping.health import diagnosis, doubtful, warning
 
     if not doubtful(estimate):
         return []
-    return console.worked(diagnosis(session), f'{name}: checking medium and odometry')
+    fit = console.worked(diagnosis(session), f'{name}: checking medium and odometry')
+    return [warning(session, fit)] if fit else []

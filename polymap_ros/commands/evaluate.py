@@ -18,7 +18,8 @@ PROGRAM = 'polymap_evaluate'
 _DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
 rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
 same scenes. "online": the same scenes with an estimate after every ping. "doubt": scenes that no convex polygon
-explains, and how many of them are flagged. "live": the real node over DDS for minutes, what it loses, costs and how
+explains, and how many of them are flagged. "calibration": wrong media and drifting odometry, what is noticed and what
+calibration makes of it. "live": the real node over DDS for minutes, what it loses, costs and how
 late it is. "cpu": CPU of an idle node, an odometry message and a ping. Ranges are always estimated from the
 signals.'''
 
@@ -51,8 +52,8 @@ def _parser() -> console.Parser:
     parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
                         help='all but paper: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
     parser.add_argument('--variant', metavar='V',
-                        help='random, online: what the scenes are like (default: plate); doubt: one kind '
-                             '(default: all); an unknown name lists all')
+                        help='random, online: what the scenes are like (default: plate); doubt, calibration: one '
+                             'kind (default: all); an unknown name lists all')
     parser.add_argument('--drive', type=Path, metavar='RECORDING',
                         help='random: drive stretches of the odometry in this recording (topic: topics.odom; ROS 1 '
                              'bags are read, too), turned and scaled to fill the rooms')
@@ -187,7 +188,26 @@ def _live(arguments: argparse.Namespace) -> int:
     return console.DONE
 
 
-_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'live': _live, 'cpu': _live}
+def _calibration(arguments: argparse.Namespace) -> int:
+    from polymap_ros.errors import UsageError
+    from polymap_ros.evaluation.calibration_experiment import CASES, CalibrationExperiment, calibration_table
+
+    _refuse(arguments, 'repetitions', 'drive', 'method')
+    if arguments.variant not in (None, *CASES):
+        known = '; '.join(f'{other} ({case.text})' for other, case in CASES.items())
+        raise UsageError(f'--variant {arguments.variant}: known: {known}')
+    cases = [arguments.variant] if arguments.variant else list(CASES)
+    parameters, _, seeds, edges = _scenes(arguments)
+    experiment = CalibrationExperiment(cases, seeds, edges, _one(arguments.snr_db), parameters)
+    done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
+    trials = sorted((trial for group in done for trial in group), key=lambda trial: (
+        cases.index(trial.case), trial.seed, trial.edges))
+    _write(arguments.output, trials, calibration_table(trials), {})
+    return console.DONE
+
+
+_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'calibration': _calibration,
+                'live': _live, 'cpu': _live}
 
 
 def _variant(arguments: argparse.Namespace) -> tuple[str, str]:

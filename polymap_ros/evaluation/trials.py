@@ -112,11 +112,16 @@ def filled_mapper(
 ) -> PolygonMapper:
     """A mapper that has heard all pings of a scene at the poses that the odometry reports; `clean` as in `simulate`."""
     mapper = PolygonMapper(scene.parameters(parameters), scene.recorded_pulse)
+    feed(mapper, scene, clean)
+    return mapper
+
+
+def feed(mapper: PolygonMapper, scene: Scene, clean: NDArray[np.float64] | None = None) -> None:
+    """Let a mapper hear all pings of a scene at the poses that the odometry reports; `clean` as in `simulate`."""
     for ping, pose in zip(pings(scene, clean), scene.reported_poses(), strict=True):
         mapper.add_pose(ping.emission_ns, Pose(*pose.tolist()))
         mapper.add_ping(ping)
     mapper.finish()
-    return mapper
 
 
 ready = functools.cache(warm_up)

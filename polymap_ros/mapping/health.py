@@ -13,6 +13,12 @@ path, both are right to a part in a thousand, and there is nothing to look for."
 _PARAMETER = 17.0
 """Nats that one more parameter has to bring."""
 
+_SIGNIFICANT = 5.0
+"""Deviations by which a parameter that is called wrong differs at least from what was given."""
+
+_SCALE = 0.002
+"""Relative error of a scale that is worth a word."""
+
 _TEXTS = {
     'medium': ('wrong_medium', 'the echoes do not fit the medium given, but {found} (one standard deviation); replay '
                                'with --calibrate, or {next}'),
@@ -27,27 +33,39 @@ def doubtful(estimate: Estimate) -> bool:
     return estimate.method == 'evidence' and bool(codes & SYMPTOMS) and 'straight_path' not in codes
 
 
-def diagnosis(session: Session) -> Generator[None, None, list[Caution]]:
-    """What is wrong with medium or odometry, with an estimate; nothing where neither explains the echoes.
+def diagnosis(session: Session) -> Generator[None, None, Fit | None]:
+    """What is wrong with medium or odometry; None where neither explains the echoes, or both are as given.
 
-    A single number of the medium that does is believed. Else what explains the echoes better is named: with two numbers
-    of the medium, a wrong scale of the odometry is explained, too, though not as well.
+    A single number of the medium that does is believed. Else the odometry is tried, too, and what explains the echoes
+    with fewer numbers changed is taken. A plate whose thickness and speeds are all scaled alike sounds exactly as if
+    the odometry's scale were wrong; that is called the odometry's.
     """
     medium = yield from calibrated_medium(session, elsewhere=True)
     fits = [medium] if isinstance(medium, Fit) else []
     if not fits or len(fits[0].values) > 1:
         odometry = yield from calibrated_odometry(session, elsewhere=True)
         fits += [odometry] if isinstance(odometry, Fit) else []
-    if not fits:
-        return []
-    best = max(fits, key=lambda fit: fit.value - _PARAMETER * len(fit.values))
-    code, text = _TEXTS[next(iter(best.values)).partition('.')[0]]
-    text = text.format(found=in_words(best), next=' '.join(overrides(best)))
-    if 'medium.speed_m_s' in best.values:
-        given = session.parameters
-        scale = given.odometry.scale * best.values['medium.speed_m_s'] / given.medium.speed_m_s
+    fits = [fit for fit in fits if _changed(session, fit)]
+    return max(fits, key=lambda fit: fit.value - _PARAMETER * _changed(session, fit), default=None)
+
+
+def _changed(session: Session, fit: Fit) -> int:
+    """Number of parameters that differ from what was given."""
+    return sum(abs(value - float(session.parameters[name])) > _SIGNIFICANT * fit.deviations[name]
+               for name, value in fit.values.items())
+
+
+def warning(session: Session, fit: Fit) -> Caution:
+    """What the user has to know of a diagnosis."""
+    code, text = _TEXTS[next(iter(fit.values)).partition('.')[0]]
+    text = text.format(found=in_words(fit), next=' '.join(overrides(fit)))
+    given = session.parameters
+    if 'medium.speed_m_s' in fit.values:
+        scale = given.odometry.scale * fit.values['medium.speed_m_s'] / given.medium.speed_m_s
         text += f'. With the speed given, an odometry.scale of {scale:.5g} sounds the same: echoes tell only the ratio'
-    return [Caution(code, text)]
+    if 'odometry.scale' in fit.values and abs(fit.values['odometry.scale'] / given.odometry.scale - 1.0) > _SCALE:
+        text += '. A medium with thickness and speeds scaled by as much sounds the same: echoes tell only the ratio'
+    return Caution(code, text)
 
 
 def in_words(fit: Fit) -> str:
