@@ -142,7 +142,8 @@ class Scene:
 
     def reported_poses(self) -> NDArray[np.float64]:
         """Poses that the odometry reports at the pings, shape (T, 3): with its drift and `position_noise_m`."""
-        errors = self.generator(_POSITION_STREAM).normal(size=(len(self.poses), 2))
+        generator = np.random.default_rng([self.seed, _POSITION_STREAM, len(self.vertices)])
+        errors = generator.normal(size=(len(self.poses), 2))
         poses = reported(self.poses, self.faults)
         poses[:, :2] += self.position_noise_m * errors
         return poses
