@@ -27,8 +27,9 @@ right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it 
 TOO_LITTLE = 0.5
 """A polygon that explains less than this, less the same, is no answer."""
 
-_SCAN_AGAIN = 1.2
-"""So many times the pings let all lines be tried again, which takes seconds."""
+_SEARCH_AGAIN, _SCAN_AGAIN = 1.1, 1.5
+"""So many times the pings let a search begin anew that has failed to explain the echoes, and let it try all lines,
+which takes seconds: where no convex polygon explains them, the work stays bounded."""
 
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
@@ -50,7 +51,7 @@ class EvidenceSolver:
     def reset(self) -> None:
         """Forget the last answer."""
         self._last: Found | None = None
-        self._scanned = 0  # pings when all lines were tried the last time
+        self._searched = self._scanned = 0  # pings at the last search, and when it tried all lines
         self._work: Generator[None, None, Estimate] | None = None
         self._answer: Estimate | None = None
 
@@ -82,7 +83,7 @@ class EvidenceSolver:
                 'too_few_pings', f'pings that could be used: {heard}; a polygon takes at least {MIN_PINGS}'),))
         search = search_of(evidence, self._parameters)
         yield
-        found = yield from self._found(search)
+        found = yield from self._found(search, len(evidence.soundings))
         self._last = found
         if found is not None and found.wave is None and search.coherent:
             placed = yield from place(search, found)
@@ -95,25 +96,24 @@ class EvidenceSolver:
             return self._open(snapshot, search)
         return self._conclude(snapshot, search, found, certainty)
 
-    def _found(self, search: Search) -> Generator[None, None, Found | None]:
-        """The last answer refined while it explains the echoes, else the best of some starts."""
+    def _found(self, search: Search, heard: int) -> Generator[None, None, Found | None]:
+        """The last answer refined while it explains the echoes, or until there is more to go by; else a new search."""
+        enough = EXPLAINED + 0.05 - search.uncertainty
         best = None
-        enough = EXPLAINED + 0.05
         if self._last is not None:
             best = yield from search.again(self._last)
-            if self._last.wave is None:  # as good as it was, where phases are lost
-                enough = min(enough, self._last.explained)
-            if best is not None and best.explained > enough - search.uncertainty:
+            if best is not None and (best.explained > enough or heard < _SEARCH_AGAIN * self._searched):
                 return best
+        self._searched = heard
         for start in search.starts():
             yield
             found = None if start is None else (yield from search.polygon(start))
             if found is not None and (best is None or found.value > best.value):
                 best = found
-            if best is not None and best.explained > enough - search.uncertainty:
+            if best is not None and best.explained > enough:
                 return best
-        if best is not None and len(search.data.positions) > _SCAN_AGAIN * self._scanned:
-            self._scanned = len(search.data.positions)
+        if best is not None and heard >= _SCAN_AGAIN * self._scanned:
+            self._scanned = heard
             for _ in range(_MENDED):
                 mended = yield from search.mended(best)
                 if mended is None:
