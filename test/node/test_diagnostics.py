@@ -81,6 +81,7 @@ def test_solver_that_is_behind_is_told(peer, start, riding):
     peer.until_used(values, 10)
     ride.publish(10, 20)
     found = says(peer, values, 'the solver is behind: a solve has been under way for ')
+    peer.until_used(values, 20)
     assert found['level'] == '1'
     reset = peer.call('/polymap_node/reset', 'std_srvs/srv/Trigger')
     assert reset.success, 'a reset does not wait for the solver'
