@@ -13,12 +13,12 @@ from polymap_ros.mapping.evidence.solver import search_of
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.odometry_error import OdometryError
 from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.solver import Evidence
 from polymap_ros.mapping.thinning import KEPT_PINGS
 from polymap_ros.parameters import Parameters
 
-_ALL_USED = {
-    'grid.angle_step_deg': 90.0, 'odometry.scale': 1.0, 'odometry.yaw_drift_deg_m': 0.0, 'odometry.max_gap_s': 1e9,
-}
+_AS_REPORTED = {'odometry.scale': 1.0, 'odometry.yaw_drift_deg_m': 0.0}
+_ALL_USED = _AS_REPORTED | {'grid.angle_step_deg': 90.0, 'odometry.max_gap_s': 1e9}
 """Poses are given where the pings are, freed of the odometry's error; the beamforming map is not looked at."""
 
 _MOST_PINGS = 4 * KEPT_PINGS
@@ -91,10 +91,11 @@ class Session:
         self._poses, self._at, self._pings = poses, np.array(at, np.int64), tuple(pings)
         self._locate = locate
         places = [locate(ping.frame_id) or Pose(0.0, 0.0) for ping in pings]
-        self._places = np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
+        self._mounted = np.array([(place.x, place.y, place.yaw) for place in places]).reshape(-1, 3)
         self._recorded = recorded_pulse
         self._speed = self._group_speed(parameters)
         self._noise: dict[int, float] = {}
+        self._heard: tuple[Parameters, Evidence] | None = None
 
     def mapper(self, parameters: Parameters) -> PolygonMapper:
         """A mapper that has heard all of it with these parameters; its beamforming map is not to be looked at."""
@@ -112,19 +113,34 @@ class Session:
 
     def search(self, parameters: Parameters) -> Search:
         """The evidence of all of it under these parameters."""
-        evidence = self.mapper(parameters).evidence
+        evidence = self._evidence(parameters)
+        at = {ping.stamp_ns: place for ping, place in zip(self._pings, self._places(parameters).tolist(), strict=True)}
+        soundings = []
         for sounding in evidence.soundings:
-            self._noise.setdefault(sounding.stamp_ns, sounding.noise)
-        same = tuple(dataclasses.replace(sounding, noise=self._noise[sounding.stamp_ns])
-                     for sounding in evidence.soundings)
-        return search_of(dataclasses.replace(evidence, soundings=same), parameters)
+            x, y, yaw = at[sounding.stamp_ns]
+            noise = self._noise.setdefault(sounding.stamp_ns, sounding.noise)
+            soundings.append(dataclasses.replace(sounding, x=x, y=y, yaw=yaw, noise=noise))
+        return search_of(dataclasses.replace(evidence, soundings=tuple(soundings)), parameters)
+
+    def _evidence(self, parameters: Parameters) -> Evidence:
+        """What is heard, wherever it was: not heard again where only the odometry changes."""
+        heard = parameters.replaced(_AS_REPORTED)
+        if self._heard is None or self._heard[0] != heard:
+            self._heard = heard, self.mapper(heard).evidence
+        return self._heard[1]
 
     def positions(self, parameters: Parameters) -> NDArray[np.float64]:
         """Sensor positions (N, 2) in the start frame [m] under these parameters."""
-        poses, (x, y) = self._base_poses(parameters), self._places.T
+        return self._places(parameters)[:, :2]
+
+    def _places(self, parameters: Parameters) -> NDArray[np.float64]:
+        """The sensor's poses (N, 3) in the start frame."""
+        poses, (x, y, yaw) = self._base_poses(parameters), self._mounted.T
         c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         places = np.column_stack((poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y))
-        return Pose(float(places[0, 0]), float(places[0, 1]), float(poses[0, 2])).inverse().apply(places)
+        yaws = poses[:, 2] + yaw
+        start = Pose(float(places[0, 0]), float(places[0, 1]), float(yaws[0]))
+        return np.column_stack((start.inverse().apply(places), yaws - yaws[0]))
 
     def _base_poses(self, parameters: Parameters) -> NDArray[np.float64]:
         odometry = parameters.odometry
