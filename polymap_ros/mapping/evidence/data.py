@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ class EchoData:
     pulse: PulseShape
     spreading: float
 
-    @property
+    @cached_property
     def ends(self) -> NDArray[np.float64]:
         """x and y of emitter and receiver, and the height between them, of each ping [m], shape (N, 5)."""
         half = 0.5 * self.baselines[:, :2]

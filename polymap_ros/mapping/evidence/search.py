@@ -27,8 +27,11 @@ _ALL_EXPLAINED = 0.98
 _CUTS = (0.15, 0.3, 0.6)
 """Shares of the shorter edge that a silent wall is tried to take away at a corner."""
 
-_EXCHANGED = 3
+_EXCHANGED = 2
 """Edges, those worth least, for which others are tried."""
+
+_SCAN_WIDTHS = 1.25
+"""Pulse widths between the lines that are tried: power is smooth over one to each side."""
 
 _LEAST_REFLECTION = 1e-3
 """Reflection coefficient of a wall that is silent, where a logarithm is needed."""
@@ -254,8 +257,8 @@ class Search(PowerSearch):
         return base
 
     def _scan(self, base: Model) -> Generator[None, None, NDArray[np.float64]]:
-        """Lines that cut the polygon, a pulse's width apart in r and over the path: those with the most power."""
-        width = self.data.pulse.width_m
+        """Lines that cut the polygon, a bit more than a pulse's width apart: those with the most power."""
+        width = _SCAN_WIDTHS * self.data.pulse.width_m
         _, corners = corners_of(base.lines)
         theta = np.arange(-np.pi, np.pi, 2.0 * width / self.data.extent_m)
         rows = []
