@@ -90,7 +90,10 @@ class WaveformLikelihood:
 
     def _first_order(self, line: NDArray[np.float64]) -> complex:
         data, pulse = self.data, self.data.pulse
-        d = line[0] - data.positions @ np.array([np.cos(line[1]), np.sin(line[1])])
+        normal, along = np.array([[np.cos(line[1]), np.sin(line[1])], [-np.sin(line[1]), np.cos(line[1])]])
+        away = line[0] - data.positions @ normal
+        aside, up = data.baselines[:, :2] @ along, data.baselines[:, 2]
+        d = np.where(away > 0.0, np.sqrt(away**2 + 0.25 * (aside**2 + up**2)), 0.0)
         cell = np.rint(d / pulse.step_m).astype(int)
         inside = (cell > 0) & (d < data.range_max_m)
         heard = data.signal[inside, cell[inside]] * np.exp(2j * pulse.carrier * cell[inside] * pulse.step_m)
