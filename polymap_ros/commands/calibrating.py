@@ -10,12 +10,23 @@ if TYPE_CHECKING:
     from polymap_ros.mapping.session import Session
 
 
-def found(session: 'Session', odometry: bool, name: str) -> 'Fit | Refusal':
-    """The odometry's error, or else the medium, from what was recorded."""
-    from polymap_ros.mapping.calibration import calibrated_medium, calibrated_odometry
+def found(session: 'Session', what: str, name: str) -> 'Fit | Refusal':
+    """The ``medium``, the ``odometry``'s error or the ``time zero``, from what was recorded."""
+    from polymap_ros.mapping.calibration import calibrated_medium, calibrated_odometry, calibrated_time_zero
 
-    return console.worked(calibrated_odometry(session) if odometry else calibrated_medium(session),
-                          f'{name}: calibrating')
+    work = {'medium': calibrated_medium, 'odometry': calibrated_odometry, 'time zero': calibrated_time_zero}[what]
+    return console.worked(work(session), f'{name}: calibrating')
+
+
+def heard_directly(session: 'Session') -> 'Caution':
+    """The time zero that the direct wave tells."""
+    from polymap_ros.mapping.estimate import Caution
+
+    t0_s = session.direct_wave_t0()
+    given = session.parameters.echo.t0_s
+    return Caution('direct_wave', 'no direct wave stands out of the pings' if t0_s is None else
+                   f'by the direct wave, echo.t0_s is {t0_s:.4g} s, not {given:.4g} s; its ringing and its way through '
+                   'the device may make that too small, so that the echoes have the last word')
 
 
 def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':

@@ -57,6 +57,8 @@ def _parser() -> argparse.ArgumentParser:
                             'constant speed), map with it, and write calibration.yaml, a parameter file')
     which.add_argument('--fit-odometry', action='store_true',
                        help="the same for the odometry's scale and yaw drift")
+    which.add_argument('--fit-time-zero', action='store_true',
+                       help='the same for echo.t0_s; what the direct wave says of it is told, too')
     parser.add_argument('--save-map', action='store_true', help='write beam_map.npz: the beamforming map')
     return parser
 
@@ -67,9 +69,9 @@ def _run(arguments: argparse.Namespace) -> int:
     if not (start_s is None or start_s >= 0.0) or not (end_s is None or end_s > (start_s or 0.0)):
         raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
                          'message')
-    if parameters.output.load_path and (arguments.calibrate or arguments.fit_odometry):
-        raise UsageError(f'--{"calibrate" if arguments.calibrate else "fit-odometry"} starts from a recording alone; '
-                         'leave output.load_path out')
+    if parameters.output.load_path and (what := _calibrated(arguments)):
+        option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero'}[what]
+        raise UsageError(f'--{option} starts from a recording alone; leave output.load_path out')
     folders = _folders(arguments.recordings, arguments.output or Path(parameters.output.dir))
     if arguments.plot or arguments.plot_signals:
         from polymap_ros.results.picture import require_matplotlib
@@ -118,9 +120,10 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
         truth = read_truth(path)
         mapper, replay, tape = _heard(recording, parameters, interval_s)
         noted, fit = [], None
-        if arguments.calibrate or arguments.fit_odometry:
+        if what := _calibrated(arguments):
             session = tape.session(read_pulse(parameters))
-            fit = calibrating.found(session, arguments.fit_odometry, path.name)
+            fit = calibrating.found(session, what, path.name)
+            noted += [calibrating.heard_directly(session)] if what == 'time zero' else []
             noted.append(calibrating.told(session, fit))
             if isinstance(fit, Fit):
                 parameters = parameters.replaced(fit.values)
@@ -153,6 +156,12 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
         console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')
         return console.NO_POLYGON
     return console.DONE
+
+
+def _calibrated(arguments: argparse.Namespace) -> str:
+    """What is to be found from the recording itself; empty if nothing is."""
+    asked = {'medium': arguments.calibrate, 'odometry': arguments.fit_odometry, 'time zero': arguments.fit_time_zero}
+    return next((what for what, wanted in asked.items() if wanted), '')
 
 
 def _heard(

@@ -20,7 +20,7 @@ from polymap_ros.mapping.conclusion import path_half_width
 from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search
 from polymap_ros.mapping.evidence.solver import EXPLAINED
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
-from polymap_ros.mapping.families import Family, Odometry, Plate, Speed, Thickness
+from polymap_ros.mapping.families import Family, Odometry, Plate, Speed, Thickness, TimeZero
 from polymap_ros.mapping.focus import echo_strength, feet_of, line_focus, wave_focus
 from polymap_ros.mapping.peak import Peak, ascend, climb
 from polymap_ros.mapping.session import Session
@@ -44,6 +44,12 @@ _FLOOR = 1e-4
 _WORTH = 0.002
 """Share of the log likelihood that a second parameter has to bring, beside `_NATS`."""
 _NATS = 17.0
+
+_PULSES_OFF = 3.0, 1.5, 0.8, 0.3
+"""Widths of the pulse that a time zero may be off, round by round."""
+
+_NEARBY = 0.0, 0.1, -0.1, 0.2, -0.2
+"""Widths of the pulse from where power has led to, within a tenth of which the waveform agrees."""
 
 Work = Generator[None, None, 'Fit | Refusal']
 
@@ -107,6 +113,28 @@ def calibrated_odometry(session: Session, elsewhere: bool = False) -> Work:
     return (yield from _fit(session, Odometry(session.parameters), elsewhere))
 
 
+def calibrated_time_zero(session: Session) -> Work:
+    """The time zero that makes the echoes of all orders agree, first by their power, then by their waveform."""
+    if reason := _hopeless(session):
+        return Refusal(reason)
+    family = TimeZero(session.parameters)
+    at, width_m = family.given, session.search(session.parameters).data.pulse.width_m
+    for reach in _PULSES_OFF:  # a rough polygon that is made with a wrong time zero shows the way to a better one
+        search = _search(session, family, at)
+        rough = None if search is None else (yield from _rough(search))
+        if rough is None:
+            return Refusal('no polygon closes, not even roughly')
+        points = family.row(at, reach * width_m)
+        score = np.full(len(points), -np.inf)
+        for index, p in enumerate(points):
+            yield
+            lines = rough + (family.view(at, p).shift_m, 0.0)
+            if np.all(lines[:, 0] > 0.0) and (search := _search(session, family, p)):
+                score[index] = search.power.refine(search.power.initial(1.0).with_lines(lines), FULL_ORDER)[1]
+        at = _top(points, score)
+    return (yield from _settled(session, family, [at + width_m * share for share in _NEARBY]))
+
+
 def _hopeless(session: Session) -> str:
     """Why there is no use in trying; empty if there may be."""
     if session.parameters.echo.kind != 'rf':
@@ -141,6 +169,11 @@ def _sharpest(session: Session, family: Family) -> Generator[None, None, NDArray
         yield
         if search := _search(session, family, p):
             focus[index] = line_focus(search.data, strength)
+    return _top(points, focus)
+
+
+def _top(points: list[NDArray[np.float64]], focus: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where a function known at evenly spaced points is largest, between them."""
     best = int(np.argmax(focus))
     if not 0 < best < len(points) - 1 or not np.all(np.isfinite(focus[best - 1:best + 2])):
         return points[best]
@@ -160,6 +193,11 @@ def _settle(session: Session, family: Family, p: NDArray[np.float64], elsewhere:
     points = yield from _in_phase(session, family, p, search, rough)
     if elsewhere and np.all(np.abs(points[0] - family.given) < _APART * family.grid):
         return Refusal('what was given is the sharpest', as_given=True)
+    return (yield from _settled(session, family, points))
+
+
+def _settled(session: Session, family: Family, points: list[NDArray[np.float64]]) -> Work:
+    """From points near enough to the waveform's maximum."""
     best: tuple[float, NDArray[np.float64], Found] | None = None
     for q in points:
         found = yield from _polygon(session, family, q)
@@ -238,7 +276,8 @@ def _climbed(
         search = _search(session, family, at)
         if search is None:
             return -np.inf, near
-        lines = near[1].lines * (family.view(near[0], at).zoom, 1.0)
+        view = family.view(near[0], at)
+        lines = near[1].lines * (view.zoom, 1.0) + (view.shift_m, 0.0)
         refined = WaveformLikelihood(search.data).refine(lines, near[1].reflection, near[1].phase, FULL_ORDER)
         return (-np.inf, near) if refined is None else (refined.value, (at, refined))
 

@@ -14,13 +14,14 @@ Vector = NDArray[np.float64]
 class View(NamedTuple):
     """How echoes that were filtered at one point of a family look from another one nearby, without filtering anew.
 
-    Ranges are to be multiplied by `zoom`; `carrier` [rad/m] is what the pulse's own wavenumber changes by, per metre of
-    the range axis as it was filtered. `parameters` give the positions.
+    Ranges are to be multiplied by `zoom`, and `shift_m` added; `carrier` [rad/m] is what the pulse's own wavenumber
+    changes by, per metre of the range axis as it was filtered. `parameters` give the positions.
     """
 
     parameters: Parameters
     zoom: float
     carrier: float
+    shift_m: float = 0.0
 
 
 class Family(Protocol):
@@ -177,6 +178,36 @@ class Odometry:
 
     def view(self, p: Vector, q: Vector) -> View:
         return View(self.parameters.replaced(self.values(q) or {}), 1.0, 0.0)
+
+
+class TimeZero:
+    """Time of the first sample after emission; p is the range by which it moves all echoes [m].
+
+    Echoes of first order tell nothing of it: all walls move by as much. Those of higher order hit more walls, and are
+    in their places with one time zero only.
+    """
+
+    names = ('echo.t0_s',)
+    def __init__(self, parameters: Parameters) -> None:
+        self.parameters = parameters
+        self.fine, self.grid, self.given = np.array([0.0005]), np.array([0.002]), np.zeros(1)
+        self._speed = float(group_speed(make_medium(parameters.medium), parameters.pulse.frequency_hz))
+
+    def values(self, p: Vector) -> dict[str, float] | None:
+        return {self.names[0]: self.parameters.echo.t0_s + 2.0 * float(p[0]) / self._speed}
+
+    def row(self, p: Vector, reach_m: float) -> list[Vector]:
+        """Thirteen points about p that reach so far to either side."""
+        return [p + offset for offset in _steps(reach_m, reach_m / 6.0)]
+
+    def coarse(self) -> list[Vector]:
+        return [self.given]
+
+    def near(self, p: Vector) -> list[Vector]:
+        return [p]
+
+    def view(self, p: Vector, q: Vector) -> View:
+        return View(self.parameters, 1.0, 0.0, float(q[0] - p[0]))
 
 
 def _steps(reach: float, step: float | np.floating) -> Vector:

@@ -6,8 +6,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.common_part import common_part
+from polymap_ros.acoustics.direct_wave import direct_wave_t0
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.evidence.solver import search_of
 from polymap_ros.mapping.mapper import PolygonMapper
@@ -105,11 +108,22 @@ class Session:
             'grid.range_max_m': grid.range_max_m * stretch, 'grid.range_step_m': grid.range_step_m * stretch,
         }), self._recorded)
         mapper.locate = self._locate
+        later_s = parameters.echo.t0_s - self.parameters.echo.t0_s
         for ping, pose in zip(self._pings, self._base_poses(parameters), strict=True):
-            mapper.add_pose(ping.emission_ns, Pose(*pose.tolist()))
-            mapper.add_ping(ping)
+            shifted = dataclasses.replace(ping, t0_s=ping.t0_s + later_s)
+            mapper.add_pose(shifted.emission_ns, Pose(*pose.tolist()))
+            mapper.add_ping(shifted)
         mapper.finish()
         return mapper
+
+    def direct_wave_t0(self) -> float | None:
+        """Time of the first sample after emission [s] as the direct wave tells it; None where none stands out."""
+        first = self._pings[0]
+        alike = [ping.samples for ping in self._pings
+                 if (ping.samples.size, ping.period_s) == (first.samples.size, first.period_s)]
+        pulse = make_pulse(self.parameters.pulse, self._recorded, first.period_s)
+        common = common_part(np.array(alike), max(round(pulse.duration_s / first.period_s), 1))
+        return direct_wave_t0(common, first.period_s, pulse, self.parameters.sensor.baseline_m / self._speed)
 
     def search(self, parameters: Parameters) -> Search:
         """The evidence of all of it under these parameters."""

@@ -16,7 +16,9 @@ SPEED_OF_S0_M_S = 5264.0
 
 _FIRST_STREAM, _RINGING_STREAM = 5, 7
 _RINGS = 12
-"""Arrivals that make up the direct wave and the ringing after it."""
+"""Arrivals that make up the ringing after the direct wave."""
+_NEAREST_M = 5e-4
+"""Half the way from emitter to receiver where they are in one place."""
 _DECAY = 3.0
 """They fade by this many nepers towards their end."""
 
@@ -66,7 +68,9 @@ def first_echo_faults(
 
 
 def ringing(scene: 'Scene', pulse_m: float, spreading: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Path lengths and amplitudes of the direct wave and its ringing, over before `direct_wave_m`.
+    """Path lengths and amplitudes of the direct wave, from emitter to receiver, and its ringing.
+
+    It is over before `direct_wave_m`.
 
     Parameters
     ----------
@@ -77,10 +81,11 @@ def ringing(scene: 'Scene', pulse_m: float, spreading: float) -> tuple[NDArray[n
     spreading : float
         Exponent of the amplitude's decay, which the amplitudes make up for.
     """
-    generator = scene.generator(_RINGING_STREAM)
+    generator, first_m = scene.generator(_RINGING_STREAM), max(0.5 * scene.sensor.baseline_m, _NEAREST_M)
     end_m = max(scene.faults.direct_wave_m - pulse_m, 0.1 * scene.faults.direct_wave_m)
-    range_m = end_m * np.sort(generator.uniform(0.05, 1.0, _RINGS))
-    amplitude = generator.choice((-1.0, 1.0), _RINGS) * np.exp(-_DECAY * range_m / end_m)
+    range_m = np.append(first_m, first_m + (end_m - first_m) * np.sort(generator.uniform(0.2, 1.0, _RINGS)))
+    sign = np.append(1.0, generator.choice((-1.0, 1.0), _RINGS))
+    amplitude = sign * np.exp(-_DECAY * range_m / end_m)
     return 2.0 * range_m, amplitude * (2.0 * range_m) ** spreading
 
 
