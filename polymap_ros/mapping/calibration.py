@@ -41,6 +41,9 @@ _SHARP = 0.005
 _FLOOR = 1e-4
 """Relative deviation below which sampling, truncation and interpolation let nothing be known."""
 
+_ALL_EXPLAINED = 0.95
+"""Share of the echoes' power from which thickness alone is enough."""
+
 _WORTH = 0.002
 """Share of the log likelihood that a second parameter has to bring, beside `_NATS`."""
 _NATS = 17.0
@@ -95,7 +98,7 @@ def calibrated_medium(session: Session, elsewhere: bool = False) -> Work:
     thickness = Thickness(parameters)
     sharpest = yield from _sharpest(session, thickness)
     first = yield from _settle(session, thickness, sharpest, elsewhere)
-    if isinstance(first, Refusal) and first.as_given:
+    if first.as_given if isinstance(first, Refusal) else first.explained > _ALL_EXPLAINED:
         return first
     values = first.values if isinstance(first, Fit) else thickness.values(sharpest)
     plate = Plate(parameters.replaced(values or {}))
@@ -139,7 +142,7 @@ def _hopeless(session: Session) -> str:
     """Why there is no use in trying; empty if there may be."""
     if session.parameters.echo.kind != 'rf':
         return 'the echoes are envelopes, and without phase scales cannot be told well enough'
-    evidence = session.mapper(session.parameters).evidence
+    evidence = session.evidence(session.parameters)
     heard = sum(1 for sounding in evidence.soundings if sounding.echo.size)
     if heard < MIN_PINGS:
         return f'{heard} pings can be used; at least {MIN_PINGS} are needed'

@@ -15,6 +15,9 @@ _SMALLER = 3.0
 
 _SHRINKS = 1
 
+_FLAT = 1e-6
+"""What a function falls at least over a step to either side of a maximum: less is rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class Peak(Generic[T]):
@@ -99,7 +102,7 @@ def climb(
                 corner, other = function(there, found)
                 best = max(best, (corner, there, other), key=lambda entry: entry[0])
                 bend[i, j] = bend[j, i] = corner - sides[i, 1] - sides[j, 1] + value
-        if np.linalg.eigvalsh(bend)[-1] < 0.0:
+        if np.linalg.eigvalsh(bend)[-1] < -_FLAT:
             curvature = bend / np.outer(step, step)
             yield
             there = at - step * np.clip(np.linalg.solve(bend, slope), -2.0, 2.0)

@@ -127,7 +127,7 @@ class Session:
 
     def search(self, parameters: Parameters) -> Search:
         """The evidence of all of it under these parameters."""
-        evidence = self._evidence(parameters)
+        evidence = self.evidence(parameters)
         at = {ping.stamp_ns: place for ping, place in zip(self._pings, self._places(parameters).tolist(), strict=True)}
         soundings = []
         for sounding in evidence.soundings:
@@ -136,8 +136,8 @@ class Session:
             soundings.append(dataclasses.replace(sounding, x=x, y=y, yaw=yaw, noise=noise))
         return search_of(dataclasses.replace(evidence, soundings=tuple(soundings)), parameters)
 
-    def _evidence(self, parameters: Parameters) -> Evidence:
-        """What is heard, wherever it was: not heard again where only the odometry changes."""
+    def evidence(self, parameters: Parameters) -> Evidence:
+        """What is heard, at the places as reported: not heard again where only the odometry changes."""
         heard = parameters.replaced(_AS_REPORTED)
         if self._heard is None or self._heard[0] != heard:
             self._heard = heard, self.mapper(heard).evidence
