@@ -30,7 +30,7 @@ def test_outputs_inputs_and_services(start, peer):
 
     def complete():
         names = peer.node.get_node_names_and_namespaces()
-        return node in names and len(offered(peer.node.get_service_names_and_types_by_node(*node))) >= len(services)
+        return node in names and offered(peer.node.get_service_names_and_types_by_node(*node)).keys() >= services.keys()
 
     peer.spin_until(complete, 'the node is not seen whole')
     peer.spin_until(lambda: len(peer.node.get_publishers_info_by_topic('/polymap_node/map')) == 1, 'no map')
