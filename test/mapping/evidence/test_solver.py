@@ -4,14 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.comparison import compare
 from polymap_ros.mapping.lines import iou, polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
-from polymap_ros.parameters import Parameters
-from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.parameters import Parameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.doubtful_scenes import KINDS
+from polymap_ros.simulation.random_scenes import air_filled, lossy, random_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs
 from polymap_ros.simulation.waveforms import simulate
@@ -21,8 +23,8 @@ from polymap_ros.simulation.waveforms import simulate
 def listen(feed):
     """A mapper that has heard a scene, or the first pings of it."""
 
-    def mapper_of(scene, samples=None, count=None):
-        mapper = PolygonMapper(scene.parameters(Parameters()))
+    def mapper_of(scene, samples=None, count=None, changes=None):
+        mapper = PolygonMapper(scene.parameters(Parameters()).replaced(changes or {}))
         samples = simulate(scene).astype(np.float32) if samples is None else samples
         part = dataclasses.replace(scene, poses=scene.poses[:count])
         feed(mapper, part, samples[:count])
@@ -158,6 +160,73 @@ def test_walls_that_turn_the_sign_and_absorb_are_found_too(listen):
     estimate = listen(scene).solve()
     assert compare(estimate.polygon.vertices, scene.vertices).right
     assert np.abs(errors(estimate, scene)[0]).max() < 0.15e-3
+
+
+def test_a_wall_that_is_hardly_heard_at_first_order_is_found_by_trying_all_lines(listen):
+    scene = dataclasses.replace(random_scene(36, 7), snr_db=-10.0)
+    estimate = listen(scene).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+
+
+@pytest.mark.parametrize(('seed', 'negative'), [(0, 4), (2, 1)])
+def test_rooms_that_turn_the_sign_are_heard_in_phase(seed, negative, listen):
+    """Whichever sign most walls have."""
+    scene = lossy(random_scene(seed, 6))
+    assert np.sum(scene.reflection < 0.0) == negative
+    estimate = listen(scene).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+    assert np.abs(errors(estimate, scene)[0]).max() < 0.15e-3
+
+
+def test_emitter_and_receiver_apart_are_no_error(listen):
+    scene = dataclasses.replace(random_scene(5, 5), sensor=SensorParameters(baseline_x_m=0.06, baseline_z_m=0.1))
+    estimate = listen(scene).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+    assert np.abs(errors(estimate, scene)[0]).max() < 0.15e-3
+
+
+def lengths(estimate):
+    vertices = estimate.polygon.vertices
+    return np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1)
+
+
+def test_a_chirp_in_air_is_heard_without_slivers(listen):
+    """No edge is shorter than half a wavelength: it would reflect as a point does."""
+    scene = air_filled(random_scene(0, 5), 'chirp')
+    estimate = listen(scene).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices, 0.01).right
+    assert lengths(estimate).min() > 0.5 * 343.0 / 20e3
+
+
+def test_a_chirp_in_a_plate_is_right(listen):
+    pulse = PulseParameters(kind='chirp', frequency_hz=1e5, bandwidth_hz=6e4, duration_s=5e-5)
+    scene = dataclasses.replace(random_scene(3, 4), pulse=pulse)
+    estimate = listen(scene).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+
+
+def test_magnitudes_are_enough_without_phase(listen):
+    """``echo.kind: envelope``: by power alone, and no word of phases."""
+    scene = air_filled(random_scene(0, 4))
+    magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
+    estimate = listen(scene, magnitudes, changes={'echo.kind': 'envelope'}).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert compare(estimate.polygon.vertices, scene.vertices, 0.01).right
+    assert all(edge.likelihood > 0.9 for edge in estimate.polygon.edges)
+
+
+def test_a_second_mode_is_told_as_what_is_not_explained(listen):
+    """S0 10 dB below A0: the polygon is right, and a tenth of what was heard is something else."""
+    doubtful = KINDS['mode_-10db'].make(0, 4)
+    scene = dataclasses.replace(doubtful.scene, poses=doubtful.scene.poses[:20])
+    estimate = listen(scene, simulate(scene, doubtful.clean[:20]).astype(np.float32)).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', ['unexplained'])
+    assert compare(estimate.polygon.vertices, scene.vertices).right
 
 
 @pytest.mark.parametrize('count', [0, 1, 2])

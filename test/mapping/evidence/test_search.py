@@ -1,0 +1,147 @@
+"""The search's steps on their own: smooth likelihoods, signs, shortest edges, walls exchanged, what is explained."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polymap_ros.evaluation.trials import filled_mapper
+from polymap_ros.mapping.evidence import data as data_module
+from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
+from polymap_ros.mapping.evidence.power_search import active
+from polymap_ros.mapping.evidence.search import Search
+from polymap_ros.mapping.evidence.solver import EXPLAINED, search_of
+from polymap_ros.mapping.evidence.waveform import WaveformLikelihood
+from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.doubtful_scenes import KINDS
+from polymap_ros.simulation.random_scenes import Recipe, random_scene
+
+
+def finished(steps):
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as done:
+            return done.value
+
+
+def in_room(scene, clean=None):
+    """A search over what a scene's pings hear, and the true lines in its frame, sorted by theta."""
+    mapper = filled_mapper(scene, Parameters(), clean)
+    lines = polygon_lines(Pose(*scene.poses[0]).inverse().apply(scene.vertices))
+    return search_of(mapper.evidence, mapper.parameters), lines[np.argsort(lines[:, 1])]
+
+
+def judged(search, lines):
+    """The polygon of these lines, refined from there."""
+    model = search.power.initial(1.0).with_lines(lines)
+    return search.judge(search.power.refine(model, 5, 6)[0])
+
+
+@pytest.fixture(scope='module')
+def nearby(hear, pentagon, inside):
+    return hear(pentagon, inside(pentagon, 12), order=3, seed=3)
+
+
+def largest_steps(value, lines, wall):
+    """Largest change of a likelihood as a wall moves out through 4 mm, in steps of 40 and of 10 micrometres."""
+    values = []
+    for shift in np.arange(-2e-3, 2e-3, 1e-5):
+        moved = lines.copy()
+        moved[wall, 0] += shift
+        values.append(value(moved))
+    return np.abs(np.diff(values[::4])).max(), np.abs(np.diff(values)).max()
+
+
+@pytest.mark.parametrize('kind', ['power', 'waveform'])
+def test_likelihoods_do_not_jump_where_a_path_passes_a_walls_end(kind, nearby, monkeypatch):
+    """A quarter of the step changes a smooth likelihood by a quarter; with hard ends some changes stay as large."""
+    power, wave = PowerLikelihood(nearby.data), WaveformLikelihood(nearby.data)
+    nothing = np.zeros(nearby.data.power.shape[1])
+
+    def value(lines):
+        if kind == 'power':
+            return power(Model(lines, np.zeros(5), 3.0, nothing), 3)
+        return wave.evaluate(lines, nearby.reflection, 0.0, 3, derive=False).value
+
+    smooth = [largest_steps(value, nearby.lines, wall) for wall in range(5)]
+    assert all(fine < 0.3 * coarse for coarse, fine in smooth)
+    monkeypatch.setattr(data_module, '_SOFT', 1e-7)
+    assert max(fine / coarse for coarse, fine in (largest_steps(value, nearby.lines, wall) for wall in range(5))) > 0.5
+
+
+@pytest.mark.parametrize('turned', [False, True])
+@pytest.mark.parametrize('negative', [(), (0, 2, 3), (0, 1, 2, 3), (0, 1, 2, 3, 4)])
+def test_rooms_that_differ_in_all_signs_are_told_apart(negative, turned, hear, pentagon, inside):
+    """By their echoes of even order; odd ones are the same with a device turned by pi."""
+    reflection = np.array([0.9, 0.7, 1.0, 0.8, 0.6])
+    reflection[list(negative)] *= -1.0
+    heard = hear(pentagon, inside(pentagon, 30), reflection=reflection, seed=6)
+    if turned:
+        heard = dataclasses.replace(heard, data=dataclasses.replace(heard.data, signal=-heard.data.signal))
+    search = Search(heard.data, 10, np.random.default_rng(1))
+    wave = judged(search, heard.lines).wave
+    np.testing.assert_array_equal(np.sign(wave.reflection), np.sign(heard.reflection))
+    np.testing.assert_allclose(wave.reflection, heard.reflection, atol=0.05)
+    assert np.abs(np.angle(np.exp(1j * (wave.phase - np.pi * turned)))) < 0.05
+    other = search.wave.refine(wave.lines, -wave.reflection, wave.phase + np.pi, 5)
+    assert other.value < wave.value - 100.0
+
+
+def test_active_lines_have_no_edge_of_the_shortest_length_or_below():
+    """Random lines, many of which cut off slivers; what is left is the half-planes' polygon without their lines."""
+    generator, slivers = np.random.default_rng(2), 0
+    for _ in range(300):
+        n = generator.integers(3, 9)
+        lines = np.column_stack((generator.uniform(0.7, 1.0, n), generator.uniform(-np.pi, np.pi, n)))
+        whole = active(lines, 0.0)
+        kept = active(lines, 0.1)
+        slivers += len(kept) < len(whole)
+        if len(kept) == 0:
+            continue
+        assert {tuple(line) for line in kept} <= {tuple(line) for line in whole}
+        vertices, which = half_plane_polygon(kept)
+        assert len(which) == len(kept)
+        if np.abs(vertices).max() > 100.0:  # of a size at which 0.1 m is nothing
+            continue
+        assert np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1).min() > 0.1
+        assert corners_of(kept, 0.1)[0]
+    assert slivers > 20
+
+
+def test_a_wall_in_the_wrong_place_is_exchanged_for_the_right_one():
+    """At -10 dB, by trying all lines in the place of one edge."""
+    search, truth = in_room(dataclasses.replace(random_scene(36, 7), snr_db=-10.0))
+    right = judged(search, truth)
+    np.testing.assert_allclose(right.lines, truth, atol=1e-3)
+    moved = truth.copy()
+    moved[1] += (0.03, 0.1)
+    wrong = judged(search, moved)
+    assert abs(wrong.lines[1, 0] - truth[1, 0]) > 0.01
+    assert wrong.value < right.value - 1000.0
+    assert wrong.explained < EXPLAINED - search.uncertainty
+    mended = finished(search.mended(wrong))
+    np.testing.assert_allclose(mended.lines, right.lines, atol=1e-5)
+    assert mended.value == pytest.approx(right.value, abs=0.5)
+
+
+@pytest.mark.parametrize(('seed', 'edges'), [(0, 4), (1, 5), (2, 6), (3, 4)])
+def test_right_angled_rooms_are_explained(seed, edges):
+    """Where two images of a corner stand in one place, they count as one."""
+    search, truth = in_room(random_scene(seed, edges, Recipe('right_angled')))
+    found = judged(search, truth)
+    np.testing.assert_allclose(found.lines, truth, atol=1e-3)
+    assert found.explained > 0.98
+
+
+@pytest.mark.parametrize(('seed', 'edges'), [(0, 3), (1, 4), (2, 5), (3, 6)])
+def test_a_second_mode_is_not_explained(seed, edges):
+    doubtful = KINDS['mode_-10db'].make(seed, edges)
+    search, truth = in_room(doubtful.scene, doubtful.clean)
+    found = judged(search, truth)
+    np.testing.assert_allclose(found.lines, truth, atol=2e-3)
+    assert 0.85 < found.explained < EXPLAINED - search.uncertainty
