@@ -161,7 +161,7 @@ ROWS = {
     'echo.allow_unstamped': (True, mapped, {'echo.type': FLOATS, 'topics.echo': '/floats',
                                             'echo.sample_period_s': 1e-6}),
     'front_end.max_bad': (0.0, mapped, {}),
-    'front_end.common_pings': (4, mapped, {}),
+    'front_end.common_pings': (8, mapped, {}),
     'front_end.remove_dc': (True, mapped, {}),
     'front_end.band_low_hz': (80e3, mapped, {}),
     'front_end.band_high_hz': (120e3, mapped, {}),
