@@ -30,7 +30,7 @@ MIN_PINGS = 8
 """Fewer pings tell too little of a path."""
 
 _TRIED = 2
-"""Sharpest points, with phase, from which a polygon is looked for."""
+"""Sharpest points, without phase and again with it, from which is gone on."""
 
 _APART = 3.0
 """Steps of the grid that two of them are apart at least."""
@@ -53,6 +53,8 @@ _PULSES_OFF = 3.0, 1.5, 0.8, 0.3
 
 _NEARBY = 0.0, 0.1, -0.1, 0.2, -0.2
 """Widths of the pulse from where power has led to, within a tenth of which the waveform agrees."""
+
+_OUT_OF_PHASE = 'the echoes agree in phase with none of them'
 
 Work = Generator[None, None, 'Fit | Refusal']
 
@@ -97,16 +99,20 @@ def calibrated_medium(session: Session, elsewhere: bool = False) -> Work:
         return (yield from _fit(session, Speed(parameters), elsewhere))
     thickness = Thickness(parameters)
     sharpest = yield from _sharpest(session, thickness)
-    first = yield from _settle(session, thickness, sharpest, elsewhere)
+    first = yield from _settle(session, thickness, sharpest[0], elsewhere)
     if first.as_given if isinstance(first, Refusal) else first.explained > _ALL_EXPLAINED:
         return first
-    values = first.values if isinstance(first, Fit) else thickness.values(sharpest)
+    values = first.values if isinstance(first, Fit) else thickness.values(sharpest[0])
     plate = Plate(parameters.replaced(values or {}))
     both = yield from _settle(session, plate, plate.given, False)
     if isinstance(first, Refusal):
         return both
-    gain = both.value - first.value if isinstance(both, Fit) else 0.0
-    return both if gain > max(_NATS, _WORTH * first.value) else first
+    return both if isinstance(both, Fit) and both.value > first.value + needed(first.value) else first
+
+
+def needed(value: float) -> float:
+    """Nats that an explanation with more numbers has to bring over one of this log likelihood."""
+    return max(_NATS, _WORTH * value)
 
 
 def calibrated_odometry(session: Session, elsewhere: bool = False) -> Work:
@@ -154,8 +160,15 @@ def _hopeless(session: Session) -> str:
 
 
 def _fit(session: Session, family: Family, elsewhere: bool) -> Work:
-    sharpest = yield from _sharpest(session, family)
-    return (yield from _settle(session, family, sharpest, elsewhere))
+    """The first fit from the sharpest points without phase, the best first, and from what was given."""
+    first: Refusal | None = None
+    for p in [*(yield from _sharpest(session, family)), family.given]:
+        result = yield from _settle(session, family, p, elsewhere)
+        if isinstance(result, Fit) or result.as_given:
+            return result
+        first = first or result
+    assert first is not None, 'what was given was tried'
+    return first
 
 
 def _search(session: Session, family: Family, p: NDArray[np.float64]) -> Search | None:
@@ -163,8 +176,8 @@ def _search(session: Session, family: Family, p: NDArray[np.float64]) -> Search 
     return None if values is None else session.search(session.parameters.replaced(values))
 
 
-def _sharpest(session: Session, family: Family) -> Generator[None, None, NDArray[np.float64]]:
-    """The point of the family's coarse row with the best focus without phase, between its points."""
+def _sharpest(session: Session, family: Family) -> Generator[None, None, list[NDArray[np.float64]]]:
+    """The points of the family's coarse row with the best focus without phase, between its points, the best first."""
     points = family.coarse()
     focus = np.full(len(points), -np.inf)
     strength = echo_strength(session.search(session.parameters).data)
@@ -172,7 +185,12 @@ def _sharpest(session: Session, family: Family) -> Generator[None, None, NDArray
         yield
         if search := _search(session, family, p):
             focus[index] = line_focus(search.data, strength)
-    return _top(points, focus)
+    tops = []
+    for _ in range(_TRIED):
+        best = int(np.argmax(focus))
+        tops.append(_top(points, focus))
+        focus[max(best - 2, 0):best + 3] = -np.inf
+    return tops
 
 
 def _top(points: list[NDArray[np.float64]], focus: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -209,7 +227,7 @@ def _settled(session: Session, family: Family, points: list[NDArray[np.float64]]
             if found.explained > EXPLAINED:
                 break
     if best is None or best[2].wave is None:
-        return Refusal('the echoes agree in phase with none of them')
+        return Refusal(_OUT_OF_PHASE)
     peak = yield from _climbed(session, family, best[1], best[2].wave)
     found = yield from _polygon(session, family, peak.at)
     if found is not None and found.wave is not None and found.wave.value > peak.value + _NATS:
@@ -292,7 +310,9 @@ def _concluded(
 ) -> 'Fit | Refusal':
     values = family.values(peak.at)
     search = _search(session, family, peak.at)
-    explained = 0.0 if found is None else max(found.explained, 0.0)
+    if found is None or found.wave is None:
+        return Refusal(_OUT_OF_PHASE)
+    explained = max(found.explained, 0.0)
     if values is None or search is None or explained < EXPLAINED - search.uncertainty:
         return Refusal(f'the best of them explains {explained:.0%} of the echoes\' power')
     covariance = peak.covariance

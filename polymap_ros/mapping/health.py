@@ -2,16 +2,13 @@
 
 from collections.abc import Generator
 
-from polymap_ros.mapping.calibration import Fit, calibrated_medium, calibrated_odometry
+from polymap_ros.mapping.calibration import Fit, calibrated_medium, calibrated_odometry, needed
 from polymap_ros.mapping.estimate import Caution, Estimate
 from polymap_ros.mapping.session import Session
 
 SYMPTOMS = {'unexplained', 'incoherent', 'misplaced', 'not_closed', 'weak_edge'}
 """Cautions that a wrong medium or a drifting odometry may be behind: where the echoes agree in phase along the whole
 path, both are right to a part in a thousand, and there is nothing to look for."""
-
-_PARAMETER = 17.0
-"""Nats that one more parameter has to bring."""
 
 _SIGNIFICANT = 5.0
 """Deviations by which a parameter that is called wrong differs at least from what was given."""
@@ -45,8 +42,12 @@ def diagnosis(session: Session) -> Generator[None, None, Fit | None]:
     if not fits or len(fits[0].values) > 1:
         odometry = yield from calibrated_odometry(session, elsewhere=True)
         fits += [odometry] if isinstance(odometry, Fit) else []
-    fits = [fit for fit in fits if _changed(session, fit)]
-    return max(fits, key=lambda fit: fit.value - _PARAMETER * _changed(session, fit), default=None)
+    # Odometry first where as many numbers change: drift and scale are the commoner faults.
+    fits = sorted((fit for fit in fits[::-1] if _changed(session, fit)), key=lambda fit: _changed(session, fit))
+    best = fits[0] if fits else None
+    for fit in fits[1:]:
+        best = fit if fit.value > fits[0].value + needed(fits[0].value) else best
+    return best
 
 
 def _changed(session: Session, fit: Fit) -> int:
