@@ -45,7 +45,9 @@ setup(
         )],
         'plot': ['matplotlib>=3.6'],
         'export': ['ezdxf>=1.1'],
-        'test': ['pytest>=7.4', 'matplotlib>=3.6', 'ezdxf>=1.1', 'pyroomacoustics>=0.7', 'hypothesis>=6.90'],
+        'fleet': ['distributed>=2024.1'],
+        'test': ['pytest>=7.4', 'matplotlib>=3.6', 'ezdxf>=1.1', 'distributed>=2024.1', 'pyroomacoustics>=0.7',
+                 'hypothesis>=6.90'],
         'lint': ['ruff>=0.17,<0.18', 'mypy>=2.4,<2.5', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={

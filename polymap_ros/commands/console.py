@@ -7,6 +7,8 @@ import signal
 import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn, TypeVar
@@ -18,6 +20,17 @@ from polymap_ros.parameters import Parameters
 
 T = TypeVar('T')
 DONE, NO_POLYGON, WRONG, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+
+
+@dataclass
+class Said:
+    """What a job had to say that ran where nobody looks: lines for stdout and for stderr."""
+
+    out: list[str] = field(default_factory=list)
+    err: list[str] = field(default_factory=list)
+
+
+_SAID: ContextVar[Said | None] = ContextVar('_SAID', default=None)
 
 
 class Parser(argparse.ArgumentParser):
@@ -45,6 +58,14 @@ def argument(expected: str) -> Callable[[Callable[[str], T]], Callable[[str], T]
     return typed
 
 
+@argument('a whole number, at least 1')
+def count(text: str) -> int:
+    """The type of an argument that counts something."""
+    if int(text) < 1:
+        raise ValueError
+    return int(text)
+
+
 def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
     """Add ``--params-file`` and ``-p``, as ROS nodes have them."""
     parser.add_argument('--params-file', type=Path, metavar='FILE',
@@ -61,13 +82,51 @@ def read_parameters(arguments: argparse.Namespace) -> Parameters:
     return Parameters().replaced(overrides)
 
 
+def one_core() -> None:
+    """Keep numerical libraries to one core, if this comes before their import.
+
+    Processes side by side then do not get in each other's way, and sums are made in the same order everywhere.
+    """
+    for library in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA'):
+        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
+
+
+@contextmanager
+def unseen() -> Iterator[Said]:
+    """Collect what is told and complained of in this block, in this thread, and show no progress."""
+    said = Said()
+    token = _SAID.set(said)
+    try:
+        yield said
+    finally:
+        _SAID.reset(token)
+
+
+def repeat(said: Said) -> None:
+    """Print what was collected, above the progress bar if there is one."""
+    from tqdm import tqdm
+
+    with tqdm.external_write_mode(sys.stderr):
+        for line in said.out:
+            tell(line)
+        for line in said.err:
+            print(line, file=sys.stderr, flush=True)
+
+
 def complain(program: str, text: str) -> None:
     """Print one line on stderr."""
-    print(f'{program}: {" ".join(text.split())}', file=sys.stderr, flush=True)
+    line = f'{program}: {" ".join(text.split())}'
+    if said := _SAID.get():
+        said.err.append(line)
+    else:
+        print(line, file=sys.stderr, flush=True)
 
 
 def tell(text: str) -> None:
     """Print a result on stdout; who has closed it has seen enough, and the work goes on."""
+    if said := _SAID.get():
+        said.out.append(text)
+        return
     try:
         print(text, flush=True)
     except BrokenPipeError:
@@ -116,6 +175,9 @@ def progress(label: str, total: int | None, unit: str = 'it') -> Iterator[Callab
 
     Where stderr is no terminal a line every ten seconds does.
     """
+    if _SAID.get():
+        yield lambda done: None
+        return
     from tqdm import tqdm
 
     interval_s = 0.1 if sys.stderr.isatty() else 10.0

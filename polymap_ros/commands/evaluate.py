@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -26,8 +25,7 @@ signals.'''
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
-    for library in ('OMP', 'OPENBLAS', 'MKL', 'NUMBA'):  # one core per process, so that times can be compared
-        os.environ.setdefault(f'{library}_NUM_THREADS', '1')
+    console.one_core()
     arguments = _parser().parse_args(argv)
     return console.execute(PROGRAM, lambda: _run_experiment(arguments))
 
@@ -44,10 +42,10 @@ def _parser() -> console.Parser:
     parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='folder for results and figures')
     parser.add_argument('--snr-db', type=_snrs, default=[0.0], metavar='X,...',
                         help='per ping; none: no noise; random: one or several (default: 0)')
-    parser.add_argument('--jobs', type=_count, default=1, metavar='N', help='processes (default: 1)')
+    parser.add_argument('--jobs', type=console.count, default=1, metavar='N', help='processes (default: 1)')
     parser.add_argument('--method', type=_names, metavar='M,...',
                         help='methods (default: solver.method); paper: methods to run once beside')
-    parser.add_argument('--repetitions', type=_count, metavar='N', help='paper: per scene (default: 10)')
+    parser.add_argument('--repetitions', type=console.count, metavar='N', help='paper: per scene (default: 10)')
     parser.add_argument('--edges', type=_edges, metavar='A-B', help='all but paper: numbers of edges (default: 3-8)')
     parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
                         help='all but paper: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
@@ -68,13 +66,6 @@ def _snrs(text: str) -> list[float | None]:
     if not all(level is None or math.isfinite(level) for level in levels):
         raise ValueError
     return list(dict.fromkeys(levels))
-
-
-@console.argument('a whole number, at least 1')
-def _count(text: str) -> int:
-    if int(text) < 1:
-        raise ValueError
-    return int(text)
 
 
 def _names(text: str) -> list[str]:

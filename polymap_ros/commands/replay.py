@@ -1,6 +1,7 @@
 """polymap_replay: a recording in, the polygon out."""
 
 import argparse
+import dataclasses
 import sys
 import time
 from collections.abc import Sequence
@@ -25,6 +26,7 @@ SLICE = 5
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns its exit status."""
+    console.one_core()
     arguments = _parser().parse_intermixed_args(argv)
     return console.execute(PROGRAM, lambda: _run(arguments))
 
@@ -40,6 +42,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument('--output', type=Path, metavar='DIR',
                         help='folder of the results, made where missing, earlier results in it are replaced; several '
                              'recordings go to DIR/<name>/ (default: the parameter output.dir, which is polymap)')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--jobs', type=console.count, default=1, metavar='N',
+                       help='recordings at a time, in processes of this machine (default: 1)')
+    where.add_argument('--scheduler', metavar='ADDRESS',
+                       help='work on the Dask cluster of this scheduler, such as tcp://host:8786; its workers read the '
+                            'recordings and write DIR themselves, by the same absolute paths')
     parser.add_argument('--start', type=float, metavar='S', help='leave out what was logged before S seconds')
     parser.add_argument('--end', type=float, metavar='S', help='leave out what was logged from S seconds on')
     parser.add_argument('--plot', action='store_true',
@@ -81,10 +89,26 @@ def _run(arguments: argparse.Namespace) -> int:
         from polymap_ros.results.export import require_ezdxf
 
         require_ezdxf()
-    return max(
-        console.attempt(PROGRAM, lambda: _replay(recording, folder, parameters, arguments))  # noqa: B023
-        for recording, folder in folders.items()
-    )
+    if arguments.scheduler:
+        parameters, folders = _anywhere(parameters, folders)
+    jobs = [(recording, folder, parameters, arguments) for recording, folder in folders.items()]
+    if arguments.scheduler or min(arguments.jobs, len(jobs)) > 1:
+        from polymap_ros.commands.fleet import run_all
+
+        return run_all(PROGRAM, _attempt, jobs, min(arguments.jobs, len(jobs)), arguments.scheduler)
+    return max(_attempt(*job) for job in jobs)
+
+
+def _anywhere(parameters: Parameters, folders: dict[Path, Path]) -> tuple[Parameters, dict[Path, Path]]:
+    """The same files whatever folder a process works in."""
+    state = parameters.output.load_path
+    placed = parameters.replaced({'output.load_path': str(Path(state).absolute())}) if state else parameters
+    return (dataclasses.replace(placed, folder=parameters.folder.absolute()),
+            {recording.absolute(): folder.absolute() for recording, folder in folders.items()})
+
+
+def _attempt(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:
+    return console.attempt(PROGRAM, lambda: _replay(path, folder, parameters, arguments))
 
 
 def _folders(recordings: Sequence[Path], output: Path) -> dict[Path, Path]:

@@ -1,0 +1,135 @@
+"""Many jobs at once that each end in a status: on the cores of this machine, or on a Dask cluster."""
+
+import os
+import signal
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing
+from types import FrameType
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+
+from polymap_ros.commands import console
+from polymap_ros.errors import UsageError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+UNIT = 'recording'
+WAIT_S = 10.0
+"""For an answer of the scheduler, and for its first worker."""
+
+Jobs = Sequence[tuple[Any, ...]]
+Futures = Generator[tuple[int, Any], None, None]
+"""Numbers of the jobs that are over, and their futures."""
+
+
+class Done(NamedTuple):
+    """How a job ended, and what it had to say."""
+
+    status: int
+    said: console.Said
+
+
+def run_all(program: str, job: Callable[..., int], jobs: Jobs, processes: int, scheduler: str | None) -> int:
+    """Do all jobs, whose first argument is their name; what each says is printed once it is done.
+
+    A job that cannot be done is reported in one line, with status 2, and the others go on.
+
+    Returns
+    -------
+    int
+        The highest status.
+    """
+    status = console.DONE
+    over = _on_cluster(job, jobs, scheduler) if scheduler else _here(job, jobs, processes)
+    with closing(over), console.progress(f'{UNIT}s', len(jobs), UNIT) as advance:
+        for number, future in over:
+            if error := future.exception():
+                text = f'{program}: error: {jobs[number][0]}: {_reason(error)}'
+                done = Done(console.WRONG, console.Said(err=[' '.join(text.split())]))
+            else:
+                done = future.result()
+            console.repeat(done.said)
+            status = max(status, done.status)
+            advance(1)
+    return status
+
+
+def _reason(error: BaseException) -> str:
+    """Why there is no result."""
+    if isinstance(error, BrokenProcessPool) or type(error).__name__ == 'KilledWorker':
+        return 'the process that worked on it ended abruptly, as where memory runs out'
+    return f'{type(error).__name__}: {error}'
+
+
+def _here(job: Callable[..., int], jobs: Jobs, processes: int) -> Futures:
+    """In processes of this machine.
+
+    Where one of them ends abruptly, all jobs under way are lost with it; they are done again, each in a process of its
+    own, one after the other.
+    """
+    from polymap_ros.evaluation.parallel import job_futures
+
+    lost = []
+    with closing(job_futures(_in_process, [(job, *each) for each in jobs], processes)) as futures:
+        for number, future in futures:
+            if isinstance(future.exception(), BrokenProcessPool):
+                lost.append(number)
+            else:
+                yield number, future
+    for number in lost:
+        with closing(job_futures(_in_process, [(job, *jobs[number])], 1)) as futures:
+            for _, future in futures:
+                yield number, future
+
+
+def _on_cluster(job: Callable[..., int], jobs: Jobs, address: str) -> Futures:
+    """On the workers of a Dask cluster; a job whose worker ends is given to another one, by the scheduler."""
+    with _client(address) as client:
+        from distributed import as_completed
+
+        numbers = {client.submit(_unseen, job, *each, pure=False): number for number, each in enumerate(jobs)}
+        for future in as_completed(numbers):
+            yield numbers[future], future
+
+
+def _client(address: str) -> 'Client':
+    """A connection to a scheduler that has workers."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise UsageError("--scheduler needs Dask: pip install 'polymap_ros[fleet]'") from None
+    try:
+        client = Client(address, timeout=WAIT_S)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise UsageError(f'--scheduler {address}: no Dask scheduler answers there: {error}; "dask scheduler" starts '
+                         'one, and tells its address') from None
+    try:
+        client.wait_for_workers(1, timeout=WAIT_S)
+    except TimeoutError:
+        client.close()
+        raise UsageError(f'--scheduler {address}: it has no workers; "dask worker {address} --nthreads 1", in an '
+                         'environment that has polymap_ros, starts one') from None
+    return client
+
+
+def _unseen(job: Callable[..., int], *arguments: Any) -> Done:
+    with console.unseen() as said:
+        status = job(*arguments)
+    return Done(status, said)
+
+
+def _in_process(job: Callable[..., int], *arguments: Any) -> Done:
+    """SIGTERM unwinds the job, which cleans up after itself, and then ends the process; without a job, at once."""
+    signal.signal(signal.SIGTERM, _stop)
+    try:
+        return _unseen(job, *arguments)
+    except KeyboardInterrupt:
+        os._exit(console.TERMINATED)
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _stop(number: int, frame: FrameType | None) -> NoReturn:
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise KeyboardInterrupt

@@ -1,0 +1,154 @@
+"""Many recordings with one command: the bytes of single runs, and the rest done whatever happens to one."""
+
+import importlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from polymap_ros.commands import fleet
+
+FILES = ('polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'beam_map.npz')
+
+
+def contents(folder):
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+def files_below(folder):
+    return {str(path.relative_to(folder)) for path in folder.rglob('*') if path.is_file()}
+
+
+@pytest.fixture
+def copies(triangle, tmp_path):
+    """So many copies of one recording, each with a name of its own."""
+    def make(number):
+        return [shutil.copy(triangle / 'triangle.mcap', tmp_path / f'drive{index}.mcap') for index in range(number)]
+    return make
+
+
+def test_jobs_give_the_bytes_of_single_runs_and_report_what_is_bad(run, triangle, copies, tmp_path):
+    evidence = ('-p', 'solver.max_edges:=5', '--save-map')
+    (tmp_path / 'broken.mcap').write_bytes(b'no recording')
+    done = run('replay', 'broken.mcap', triangle, *copies(1), '--jobs', '2', '--output', 'out', *evidence)
+    assert done.status == 2
+    assert done.complaint.startswith('polymap_replay: error: broken.mcap: ')
+    assert 'recordings: 100%' in done.err
+    assert '3/3' in done.err
+    assert 'reading' not in done.err
+    assert done.out.count('closed: 3 edges') == done.out.count('; results in out') == 2
+    single = run('replay', triangle, '--output', 'single', *evidence)
+    assert single.status == 0
+    for name in ('triangle', 'drive0'):
+        assert contents(tmp_path / 'out' / name) == contents(tmp_path / 'single')
+    assert not (tmp_path / 'out' / 'broken').exists()
+
+
+@pytest.mark.parametrize(('number', 'status', 'word'), [
+    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
+def test_a_signal_ends_all_processes_and_nothing_is_half_written(start, copies, tmp_path, number, status, word):
+    """The first recording is short and done; two that would take for ever are under way, another one waits."""
+    recordings = copies(3)
+    (tmp_path / 'broken.mcap').write_bytes(b'no recording')
+    before = files_below(tmp_path)
+    process = start('replay', 'broken.mcap', *recordings, '--jobs', '2', '--output', 'out',
+                    '-p', 'solver.method:=paper', '-p', 'solver.iterations:=100000000')
+    seen = b''
+    while b'broken.mcap' not in seen:
+        seen += process.stderr.read1(4096)
+    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    out, err = process.communicate(timeout=60)  # which ends when every process has closed stdout
+    assert process.returncode == status, seen + err
+    assert b'Traceback' not in seen + err
+    assert err.decode().replace('\r', '\n').splitlines()[-1] == f'polymap_replay: {word}'
+    assert out == b''
+    assert files_below(tmp_path) == before
+
+
+JOB = '''
+import os, signal
+from polymap_ros.commands import console
+
+def job(name, marker, how):
+    """As `how` says: be done, or take the process with it, once or whenever it is tried."""
+    if how == 'always' or (how == 'once' and not marker.exists()):
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    console.tell(f'{name} is done')
+    return console.DONE
+'''
+
+
+def test_a_process_that_ends_abruptly_costs_one_recording_at_most(tmp_path, monkeypatch, capfd):
+    (tmp_path / 'abrupt.py').write_text(JOB)
+    monkeypatch.syspath_prepend(tmp_path)
+    job = importlib.import_module('abrupt').job
+    jobs = [(f'job {index}', tmp_path / str(index), how) for index, how in enumerate(('', 'once', 'always', '', ''))]
+    assert fleet.run_all('polymap_replay', job, jobs, 2, None) == 2
+    out, err = capfd.readouterr()
+    assert sorted(out.split('\n')[:-1]) == [f'job {index} is done' for index in (0, 1, 3, 4)]
+    [complaint] = [line for line in err.replace('\r', '\n').splitlines() if line.startswith('polymap_replay')]
+    assert complaint == ('polymap_replay: error: job 2: the process that worked on it ended abruptly, as where memory '
+                         'runs out')
+
+
+def test_a_cluster_that_is_not_there_is_one_line(call, triangle, monkeypatch):
+    monkeypatch.setattr(fleet, 'WAIT_S', 0.5)
+    pytest.importorskip('distributed')
+    for address in ('tcp://127.0.0.1:9', 'nonsense://x'):
+        done = call('replay', triangle, '--scheduler', address)
+        assert done.status == 2
+        assert done.complaint.startswith(f'polymap_replay: error: --scheduler {address}: no Dask scheduler answers')
+    monkeypatch.setitem(sys.modules, 'distributed', None)
+    done = call('replay', triangle, '--scheduler', 'tcp://127.0.0.1:9')
+    assert (done.status, done.complaint) == (
+        2, "polymap_replay: error: --scheduler needs Dask: pip install 'polymap_ros[fleet]'")
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler with two workers of one thread, all processes of their own; its address, and the workers."""
+    pytest.importorskip('distributed')
+    file = tmp_path / 'scheduler.json'
+    started = []
+
+    def begin(name, *arguments):
+        with (tmp_path / f'{name}-{len(started)}.log').open('wb') as log:
+            started.append(subprocess.Popen(
+                [sys.executable, '-m', 'dask', name, '--scheduler-file', file, *arguments], cwd=tmp_path, stdout=log,
+                stderr=subprocess.STDOUT))
+        return started[-1]
+
+    begin('scheduler', '--host', '127.0.0.1', '--port', '0', '--no-dashboard')
+    workers = [begin('worker', '--nthreads', '1', '--no-nanny', '--no-dashboard', '--host', '127.0.0.1')
+               for _ in range(2)]
+    from distributed import Client
+
+    with Client(scheduler_file=str(file), timeout=60.0, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60.0)
+    yield json.loads(file.read_text())['address'], workers
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_every_recording_has_its_result_though_a_worker_is_killed(start, call, cluster, copies, triangle, tmp_path):
+    address, workers = cluster
+    recordings = copies(5)
+    process = start('replay', *(path.relative_to(tmp_path) for path in recordings), 'missing.mcap', '--output', 'out',
+                    '--save-map', '--scheduler', address)
+    first = process.stdout.readline()
+    assert first, process.stderr.read()  # the first one is done, the others are shared out
+    workers[0].kill()
+    err = process.communicate(timeout=120)[1].decode()
+    assert 'Traceback' not in err
+    complaints = [line for line in err.replace('\r', '\n').splitlines() if line.startswith('polymap_')]
+    assert (process.returncode, complaints) == (
+        2, [f'polymap_replay: error: {tmp_path}/missing.mcap: no such recording']), err
+    assert call('replay', triangle, '--output', 'single', '--save-map').status == 0
+    for path in recordings:
+        assert contents(tmp_path / 'out' / path.stem) == contents(tmp_path / 'single')
