@@ -24,6 +24,9 @@ EXPLAINED = 0.95
 """Share of the echoes' power that a polygon has to explain, less three standard deviations of what is measured: the
 right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it is 0.91, and most wrong ones less."""
 
+_MARGIN = 0.02
+"""So much more has to be explained before the search ends without another start."""
+
 TOO_LITTLE = 0.5
 """A polygon that explains less than this, less the same, is no answer."""
 
@@ -98,7 +101,7 @@ class EvidenceSolver:
 
     def _found(self, search: Search, heard: int) -> Generator[None, None, Found | None]:
         """The last answer refined while it explains the echoes, or until there is more to go by; else a new search."""
-        enough = EXPLAINED + 0.05 - search.uncertainty
+        enough = EXPLAINED + _MARGIN - search.uncertainty
         best = None
         if self._last is not None:
             best = yield from search.again(self._last)
@@ -161,6 +164,9 @@ class EvidenceSolver:
         if found.explained < EXPLAINED - search.uncertainty:
             cautions.append(Caution('unexplained', f'the polygon explains {max(found.explained, 0.0):.0%} of the '
                                     "echoes' power; the outline may not be convex, or something else reflects"))
+        if self._parameters.echo.kind == 'envelope' and self._parameters.medium.model == 'lamb_a0':
+            cautions.append(Caution('dispersion', 'magnitudes cannot be freed of the dispersion of a plate: walls may '
+                                    'be off by some millimetres, more than their deviations say'))
         if found.misplaced_m:
             cautions.append(Caution('misplaced', 'the echoes agree only where the pings are moved by '
                                     f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); the odometry is noisy'))

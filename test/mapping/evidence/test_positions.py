@@ -1,0 +1,51 @@
+"""Positions that are off: moved pings against the true ones, and what all of them share against shapely's motions."""
+
+import numpy as np
+import pytest
+import shapely
+from shapely import affinity
+
+from polymap_ros.evaluation.trials import filled_mapper
+from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.mapping.evidence.positions import _anchored
+from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
+from polymap_ros.parameters import Parameters
+from polymap_ros.results.dimensions import dimensions
+from polymap_ros.simulation.random_scenes import random_scene
+
+
+def test_what_all_pings_share_is_taken_back_together_with_the_walls():
+    scene = random_scene(4, 5)
+    reported, generator = scene.positions, np.random.default_rng(1)
+    own = 1e-3 * generator.normal(size=reported.shape)
+    offsets, lines = _anchored(reported, own, polygon_lines(scene.vertices))
+    turn, shift = 1e-3, np.array([2e-3, -1e-3])  # small, as it is linear in the turn
+    moved = affinity.translate(affinity.rotate(
+        shapely.MultiPoint(reported + own), turn, tuple(reported.mean(axis=0)), use_radians=True), *shift)
+    room = affinity.translate(affinity.rotate(
+        shapely.Polygon(scene.vertices), turn, tuple(reported.mean(axis=0)), use_radians=True), *shift)
+    corners = np.array(room.exterior.coords)[:-1]
+    places = np.array([point.coords[0] for point in moved.geoms])
+    again, back = _anchored(reported, places - reported, polygon_lines(corners))
+    np.testing.assert_allclose(again, offsets, atol=3e-6)
+    np.testing.assert_allclose(half_plane_polygon(back)[0], half_plane_polygon(lines)[0], atol=3e-6)
+    assert np.abs(again.mean(axis=0)).max() < 1e-12
+
+
+@pytest.mark.parametrize(('edges', 'seed'), [(4, 0)])
+def test_with_positions_5_mm_off_the_room_is_known_to_a_tenth_of_that(edges, seed):
+    """The room's place is known as well as the mean of all positions; its shape far better."""
+    scene = VARIANTS['position_noise'].make(edges=edges, seed=seed)
+    estimate = filled_mapper(scene, Parameters()).solve()
+    assert estimate.status == 'closed'
+    assert [caution.code for caution in estimate.cautions] == ['misplaced']
+    assert 'moved by' in estimate.cautions[0].text
+    found = dimensions(estimate.polygon)
+    true = np.linalg.norm(np.roll(scene.vertices, -1, axis=0) - scene.vertices, axis=1)
+    turns = [np.abs(np.roll(true, k) - found.lengths_m).max() for k in range(edges)]
+    assert min(turns) < 5e-4
+    errors = np.roll(true, int(np.argmin(turns))) - found.lengths_m
+    assert np.abs(errors / found.length_stds_m).max() < 4.0
+    assert found.length_stds_m.max() < 5e-4
+    shift = np.linalg.norm(np.mean(estimate.polygon.vertices, axis=0) - np.mean(scene.vertices, axis=0))
+    assert 1e-4 < shift < 4.0 * 5e-3 / np.sqrt(len(scene.poses)) * 1.5
