@@ -41,7 +41,8 @@ def signals_png(mapper: PolygonMapper, pings: Sequence[Ping]) -> bytes:
     else:
         middle = every[len(every) // 2]
         alike = [each for each in every if each.range_m.shape == middle.range_m.shape]
-        images, traces = np.asarray(figure.subfigures(2, 1, height_ratios=(1.0, 0.6 + 0.35 * len(middle.steps)))).tolist()
+        heights = 1.0, 0.6 + 0.35 * len(middle.steps)
+        images, traces = np.asarray(figure.subfigures(2, 1, height_ratios=heights)).tolist()
         _draw_images(images, alike)
         _draw_traces(traces, middle, len(every) // 2)
     buffer = io.BytesIO()
