@@ -31,6 +31,8 @@ setup(
         'tqdm>=4.64',
         'mcap>=1.1,<2',
         'rosbags>=0.11,<0.12',
+        'lz4>=4.0',
+        'zstandard>=0.19',
     ],
     extras_require={
         # What apt brings on a Jazzy machine. Wheels exist for Linux on x86_64 only.

@@ -18,7 +18,7 @@ MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 DISTRIBUTION = importlib.metadata.distribution('polymap_ros')
 
 COMMANDS = ('polymap_node', 'polymap_replay', 'polymap_play', 'polymap_simulate', 'polymap_evaluate')
-FROM_PIP = {'mcap', 'rosbags', 'distributed'}
+FROM_PIP = {'mcap', 'rosbags', 'lz4', 'zstandard', 'distributed'}
 """Imported where a recording is read, or a cluster is at work; no system package brings them."""
 
 BROUGHT_BY = {'PIL': 'python3-matplotlib', 'yaml': 'python3-yaml', 'tf2_ros': 'tf2_ros_py'}

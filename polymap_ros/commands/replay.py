@@ -179,6 +179,9 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
     if closed is None:
         console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')
         return console.NO_POLYGON
+    for caution in cautions:
+        if caution.code.startswith('recording_'):
+            console.complain(PROGRAM, f'warning: {path}: {caution.text}')
     return console.DONE
 
 

@@ -1,17 +1,22 @@
 """Reading rosbag2 directories and bare .mcap and .db3 files, without ROS."""
 
+import heapq
 from collections import Counter
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from polymap_ros.errors import PolymapError, RecordingError
+from polymap_ros.errors import RecordingError
 from polymap_ros.mapping.estimate import Caution
 from polymap_ros.messages.fields import Field
-
-_MCAP_MAGIC = b'\x89MCAP0\r\n'
-"""First and last bytes of an MCAP file."""
+from polymap_ros.recordings.decompression import message_of_zstd, unpack_file
+from polymap_ros.recordings.definitions import Definitions
+from polymap_ros.recordings.layout import Layout, layout_of
+from polymap_ros.recordings.mcap_file import McapFile
+from polymap_ros.recordings.sqlite_file import SqliteFile
+from polymap_ros.recordings.storage import MOST_NS, StoredFile
 
 _FOREVER_S = 1e9
 """Beyond any recording, and still within the 64 bits that log times have."""
@@ -48,13 +53,16 @@ class Recording:
         Messages by topic that `messages` met and could not decode.
     """
 
-    def __init__(self, path: Path, reader: Any) -> None:
+    def __init__(self, path: Path, layout: Layout, files: Sequence[StoredFile], faults: Sequence[str] = ()) -> None:
         self.path = path
-        self._reader = reader
-        self.topics = _topics(reader.connections)
-        filled = reader.message_count > 0
-        self.start_ns = int(reader.start_time) if filled else 0
-        self.end_ns = int(reader.end_time) - 1 if filled else 0
+        self._files, self._compression = files, layout.compression
+        channels = [channel for file in files for channel in file.channels]
+        self._definitions = Definitions(channels, layout.digests)
+        self._faults = [*layout.faults, *faults, *self._definitions.faults]
+        self.topics = _topics(layout, files)
+        filled = [file for file in files if file.start_ns <= file.end_ns]
+        self.start_ns = min((file.start_ns for file in filled), default=0)
+        self.end_ns = max((file.end_ns for file in filled), default=0)
         self.damaged: Counter[str] = Counter()
         self._seen: Counter[str] = Counter()
 
@@ -63,27 +71,31 @@ class Recording:
     def open(cls, path: Path) -> Iterator['Recording']:
         """Open a rosbag2 directory or a bare file and close it at the end of the ``with`` block.
 
+        What is damaged or missing is left out and told by `cautions`.
+
         Raises
         ------
         RecordingError
             Where there is nothing, or nothing that can be read.
         """
-        if not path.exists():
-            raise RecordingError(f'{path}: no such recording')
-        if path.is_dir() and not (path / 'metadata.yaml').exists():
-            files = sorted(file.name for file in path.iterdir() if file.suffix in ('.mcap', '.db3'))
-            remedy = f'name the file itself: {", ".join(files)}' if files else 'it is not a rosbag2 directory'
-            raise RecordingError(f'{path}: holds no metadata.yaml; {remedy}')
-        from rosbags.highlevel import AnyReader
-        from rosbags.typesys import Stores, get_typestore
-
-        with _blaming(path):
-            reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY))
-            reader.open()
-        try:
-            yield cls(path, reader)
-        finally:
-            reader.close()
+        layout = layout_of(path)
+        with ExitStack() as stack:
+            files: list[StoredFile] = []
+            failures: list[RecordingError] = []
+            for file in layout.files:
+                try:
+                    if layout.compression == 'file':
+                        folder = Path(stack.enter_context(TemporaryDirectory(prefix='polymap-')))
+                        file = unpack_file(file, folder)
+                    files.append(_opened(file))
+                    stack.callback(files[-1].close)
+                except RecordingError as error:
+                    failures.append(error)
+                except OSError as error:
+                    failures.append(RecordingError(f'{file}: cannot be read: {error.strerror or error}'))
+            if not files:
+                raise failures[0]
+            yield cls(path, layout, files, [str(failure) for failure in failures])
 
     @property
     def duration_s(self) -> float:
@@ -123,6 +135,9 @@ class Recording:
             )
         if not self.topics[found].message_count:
             raise RecordingError(f'{self.path}: topic {found} is empty; {advice}')
+        if foreign := sorted(self._definitions.foreign.intersection(self._definitions.closure(type_name))):
+            raise RecordingError(f'{self.path}: topic {found} cannot be read: the recording defines {foreign[0]} '
+                                 'otherwise than ROS 2 does, or its definition is damaged')
         return found
 
     def fields_of(self, type_name: str) -> dict[str, Field]:
@@ -133,7 +148,7 @@ class Recording:
         RecordingError
             Where it does not.
         """
-        definitions = self._reader.typestore.fielddefs
+        definitions = self._definitions.store.fielddefs
         if type_name not in definitions:
             raise RecordingError(f'{self.path}: holds no definition of {type_name}')
         return {name: _field(description) for name, description in definitions[type_name][1]}
@@ -153,44 +168,57 @@ class Recording:
         Raises
         ------
         RecordingError
-            Where the file ends early or its checksums fail.
+            Where a file cannot be read any longer, or its chunks are out of order.
         """
-        connections = [each for each in self._reader.connections if topics is None or each.topic in topics]
-        if not connections:
-            return
-        start_ns, end_ns = self._log_time(start_s), self._log_time(end_s)
+        wanted = self.topics.keys() if topics is None else topics
+        start_ns, end_ns = self._log_time(start_s, -MOST_NS), self._log_time(end_s, MOST_NS)
         self._seen.clear()
         self.damaged.clear()
-        raw_messages = self._reader.messages(connections, start_ns, end_ns)
-        while True:
-            with _blaming(self.path):
-                item = next(raw_messages, None)
-            if item is None:
-                return
-            connection, log_ns, raw = item
-            self._seen[connection.topic] += 1
+        streams = [file.messages(wanted, start_ns, end_ns) for file in self._files]
+        for log_ns, topic, type_name, data in heapq.merge(*streams, key=lambda message: message.log_ns):
+            self._seen[topic] += 1
             try:
-                message = self._reader.deserialize(raw, connection.msgtype)
+                content = message_of_zstd(data) if self._compression == 'message' else data
+                message = self._definitions.store.deserialize_cdr(content, type_name)
             except Exception:  # any parser error on damaged bytes; counted and reported by `cautions`
-                self.damaged[connection.topic] += 1
+                self.damaged[topic] += 1
                 continue
-            yield Entry(connection.topic, connection.msgtype, message, log_ns)
+            yield Entry(topic, type_name, message, log_ns)
 
-    def _log_time(self, offset_s: float | None) -> int | None:
-        return None if offset_s is None else self.start_ns + round(min(offset_s, _FOREVER_S) * 1e9)
+    def _log_time(self, offset_s: float | None, without: int) -> int:
+        return without if offset_s is None else self.start_ns + round(min(offset_s, _FOREVER_S) * 1e9)
 
-    def cautions(self, topics: Collection[str]) -> list[Caution]:
-        """Say what a complete pass of `messages` over `topics` did not find although the recording promised it."""
-        found = []
+    def cautions(self, topics: Collection[str], complete: bool = True) -> list[Caution]:
+        """Say what is damaged, and what a pass of `messages` over `topics` found otherwise than announced.
+
+        Parameters
+        ----------
+        topics : collection of str
+            As given to `messages`.
+        complete : bool
+            Whether the pass had no limits of time; only then the numbers are compared.
+        """
+        faults = [*self._faults, *(fault for file in self._files for fault in file.faults)]
+        found = [Caution('recording_damaged', _some(faults))] if faults else []
         for topic in topics:
             expected, seen, damaged = self.topics[topic].message_count, self._seen[topic], self.damaged[topic]
-            if seen < expected:
+            if complete and seen != expected:
                 text = f'{topic}: {seen} messages found where the recording announces {expected}'
                 found.append(Caution('recording_incomplete', text))
             if damaged:
                 text = f'{topic}: {damaged} of {seen} messages cannot be decoded'
                 found.append(Caution('recording_damaged', text))
         return found
+
+
+def _opened(path: Path) -> StoredFile:
+    """A file of a recording, by its suffix."""
+    return McapFile(path) if path.suffix == '.mcap' else SqliteFile(path)
+
+
+def _some(faults: Sequence[str], at_most: int = 5) -> str:
+    more = [f'{len(faults) - at_most} more of this kind'] if len(faults) > at_most else []
+    return '; '.join([*faults[:at_most], *more])
 
 
 def _field(description: Any) -> Field:
@@ -204,46 +232,14 @@ def _field(description: Any) -> Field:
     return Field('uint8' if element in ('octet', 'byte', 'char') else element)
 
 
-def _topics(connections: Any) -> dict[str, Topic]:
+def _topics(layout: Layout, files: Sequence[StoredFile]) -> dict[str, Topic]:
+    """Type and number of messages by topic: what metadata.yaml announces, and without it the files."""
     topics: dict[str, Topic] = {}
-    for connection in connections:
-        type_name, count = topics.get(connection.topic, Topic(connection.msgtype, 0))
-        if connection.msgtype not in type_name.split(' and '):
-            type_name = f'{type_name} and {connection.msgtype}'
-        topics[connection.topic] = Topic(type_name, count + connection.msgcount)
+    for channel in (channel for file in files for channel in file.channels):
+        type_name, count = topics.get(channel.topic, Topic(channel.type_name, 0))
+        if channel.type_name not in type_name.split(' and '):
+            type_name = f'{type_name} and {channel.type_name}'
+        topics[channel.topic] = Topic(type_name, count + channel.message_count)
+    for name, (type_name, count) in layout.announced.items():
+        topics[name] = topics.get(name, Topic(type_name, 0))._replace(message_count=count)
     return dict(sorted(topics.items()))
-
-
-@contextmanager
-def _blaming(path: Path) -> Iterator[None]:
-    """Turn whatever a parser raises into a `RecordingError`: on damaged bytes that can be any exception."""
-    from rosbags.highlevel import AnyReaderError
-
-    try:
-        yield
-    except PolymapError:
-        raise
-    except (AnyReaderError, OSError) as error:
-        raise RecordingError(f'{path}: cannot be read: {_broken_mcap(path) or " ".join(str(error).split())}') from error
-    except Exception as error:
-        detail = f'{type(error).__name__}: {" ".join(str(error).split())}'
-        raise RecordingError(f'{path}: is damaged and cannot be read ({detail})') from error
-
-
-def _broken_mcap(path: Path) -> str:
-    """What is wrong with an MCAP file of the recording, and what to do; empty where that is not it."""
-    with suppress(OSError):
-        for file in [path] if path.is_file() else sorted(path.iterdir()):
-            content = file.stat().st_size if file.suffix == '.mcap' else 0
-            if content == 0:
-                continue
-            with file.open('rb') as stream:
-                begins = stream.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC
-                stream.seek(max(content - len(_MCAP_MAGIC), 0))
-                ends = stream.read() == _MCAP_MAGIC
-            if not begins:
-                return f'{file.name} is no MCAP file'
-            if not ends:
-                return (f'{file.name} has no end: it was cut off, or is still being written; stop the recorder, or '
-                        'rescue what is there with `mcap recover`')
-    return ''

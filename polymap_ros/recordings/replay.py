@@ -92,7 +92,7 @@ class Replay:
     def cautions(self) -> list[Caution]:
         """What is known to be missing from the recording, or was dropped of the odometry."""
         complete = self._interval == (None, None)
-        found = self._recording.cautions(self.topics) if complete else []
+        found = self._recording.cautions(self.topics, complete)
         if self.odometry.dropped:
             reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
             text = f'{self.odom_topic}: of {self.odometry.received} messages dropped: {reasons}'

@@ -63,17 +63,27 @@ def test_a_folder_that_is_no_recording(call, tmp_path):
     assert 'photos: holds no metadata.yaml' in refused(call, tmp_path, 'photos')
 
 
-def test_a_recording_that_was_cut_off(call, triangle, tmp_path):
+def test_a_recording_that_was_cut_off_before_its_first_chunk_was_written(call, triangle, tmp_path):
     whole = (triangle / 'triangle.mcap').read_bytes()
     (tmp_path / 'cut.mcap').write_bytes(whole[:len(whole) // 2])
     complaint = refused(call, tmp_path, 'cut.mcap')
     assert complaint.startswith('cut.mcap: cannot be read: cut.mcap has no end: it was cut off, or is still being')
-    assert 'mcap recover' in complaint
+    assert complaint.endswith('and no message can be rescued')
+    folder = shutil.copytree(triangle, tmp_path / 'drive')
+    (folder / 'triangle.mcap').write_bytes(b'else')
+    assert refused(call, tmp_path, 'drive').endswith('drive/triangle.mcap: cannot be read: is no MCAP file')
+
+
+def test_what_is_left_of_a_recording_is_mapped_with_a_warning(call, triangle, tmp_path):
+    whole = (triangle / 'triangle.mcap').read_bytes()
     folder = shutil.copytree(triangle, tmp_path / 'drive')
     (folder / 'triangle.mcap').write_bytes(whole[:-20])
-    assert 'drive: cannot be read: triangle.mcap has no end' in refused(call, tmp_path, 'drive')
-    (folder / 'triangle.mcap').write_bytes(b'else')
-    assert refused(call, tmp_path, 'drive').endswith('drive: cannot be read: triangle.mcap is no MCAP file')
+    counts, found, done = pings(call, tmp_path, 'drive')
+    assert counts['used'] == N_PINGS
+    (warning,) = found['warnings']
+    assert warning['code'] == 'recording_damaged'
+    assert done.complaint == f'polymap_replay: warning: drive: {warning["text"]}'
+    assert warning['text'].startswith('triangle.mcap has no end: it was cut off, or is still being written')
 
 
 def test_a_truth_that_is_none(call, altered, tmp_path):

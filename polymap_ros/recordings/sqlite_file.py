@@ -1,0 +1,161 @@
+"""Reading a database of rosbag2's sqlite3 storage, as far as its pages are sound.
+
+A damaged database is read row by row from both ends, which leaves out what lies on damaged pages.
+"""
+
+import shutil
+import sqlite3
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import quote
+
+from polymap_ros.errors import RecordingError
+from polymap_ros.recordings.storage import MOST_BYTES, Channel, RawMessage
+
+_ENCODINGS = {'ros2msg': 'msg', 'ros2idl': 'idl'}
+_COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
+            'messages': {'id', 'topic_id', 'timestamp', 'data'}}
+
+
+class SqliteFile:
+    """An open database; a `polymap_ros.recordings.storage.StoredFile`.
+
+    Raises
+    ------
+    RecordingError
+        For what is no database of rosbag2, and one that nothing can be read from.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.faults: list[str] = []
+        if not path.stat().st_size:
+            raise RecordingError(f'{path}: cannot be read: the file is empty')
+        self._copy = TemporaryDirectory(prefix='polymap-')
+        try:
+            self._database = sqlite3.connect(_address(self._whole_pages()), uri=True)
+        except BaseException:
+            self._copy.cleanup()
+            raise
+        try:
+            self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+            self._database.execute('PRAGMA trusted_schema = OFF')
+            self._survey()
+        except sqlite3.Error as error:
+            self.close()
+            raise RecordingError(f'{path}: cannot be read: {error}') from error
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close the database."""
+        self._database.close()
+        self._copy.cleanup()
+
+    def _whole_pages(self) -> Path:
+        """The file, or a copy without its last page where that is not whole: SQLite would fill it up with zeros."""
+        size = self.path.stat().st_size
+        with self.path.open('rb') as stream:
+            stored = int.from_bytes(stream.read(18)[16:], 'big')
+            left = size % (2**16 if stored == 1 else max(stored, 1))
+            if not left:
+                return self.path
+            copy = Path(self._copy.name) / self.path.name
+            stream.seek(0)
+            with copy.open('wb') as whole:
+                shutil.copyfileobj(stream, whole)
+                whole.truncate(size - left)
+        self.faults.append(f'{self.path.name} was cut off: its last {left} bytes are no whole page')
+        return copy
+
+    def messages(self, topics: Collection[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
+        """The sound messages of some topics within a half-open interval, by log time; see `faults` afterwards."""
+        wanted = {number: channel for number, channel in self._topics.items() if channel.topic in topics}
+        rows = self._by_time() if self._rows is None else self._rescued(self._rows)
+        try:
+            for number, log_ns, data in rows:
+                sound = isinstance(log_ns, int) and isinstance(data, bytes)
+                if sound and number in wanted and start_ns <= log_ns < end_ns:
+                    yield RawMessage(log_ns, wanted[number].topic, wanted[number].type_name, data)
+        except sqlite3.Error as error:
+            fault = f'{self.path.name} cannot be read to its end: {error}'
+            self.faults += [fault] if fault not in self.faults else []
+
+    def _by_time(self) -> Iterator[tuple[int, int, bytes]]:
+        yield from self._database.execute('SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp')
+
+    def _survey(self) -> None:
+        """Find the topics and the span of time; look for damaged pages."""
+        sound = self._is_sound()
+        for table, columns in _COLUMNS.items():
+            found = {str(row[1]) for row in self._database.execute(f'PRAGMA table_xinfo({table})') if not row[6]}
+            kind = self._database.execute(
+                "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND rootpage > 0 AND name = ?", (table,))
+            if kind.fetchone() != (1,) or not columns <= found:
+                raise RecordingError(f'{self.path}: cannot be read: is no database of rosbag2')
+        self._rows = None if sound else self._sound_rows()
+        self._topics = self._read_topics()
+        if self._rows is None:
+            counts = dict(self._database.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
+            first, last = self._database.execute(
+                "SELECT min(timestamp), max(timestamp) FROM messages WHERE typeof(timestamp) = 'integer'").fetchone()
+        else:
+            counts = Counter(number for _, number, _ in self._rows)
+            first, last = (self._rows[0][0], self._rows[-1][0]) if self._rows else (None, None)
+            self.faults.append(f'{self.path.name} is damaged: {len(self._rows)} messages are on sound pages')
+            if not self._rows:
+                raise RecordingError(f'{self.path}: cannot be read: its pages are damaged, and no message can be '
+                                     'rescued')
+        self.start_ns, self.end_ns = (0, -1) if first is None else (int(first), int(last))
+        self.channels = [channel._replace(message_count=counts.get(number, 0))
+                         for number, channel in self._topics.items()]
+
+    def _is_sound(self) -> bool:
+        try:
+            return bool(self._database.execute('PRAGMA quick_check(1)').fetchone() == ('ok',))
+        except sqlite3.DatabaseError as error:
+            if 'not a database' in str(error):
+                raise
+            self._database.execute('PRAGMA writable_schema = ON')  # opens what is shorter than its header says
+            return False
+
+    def _read_topics(self) -> dict[int, Channel]:
+        definitions: dict[str, tuple[str, str]] = {}
+        with suppress(sqlite3.Error):  # databases older than Iron have no definitions
+            for name, encoding, text in self._database.execute(
+                    'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'):
+                definitions[str(name)] = str(text), _ENCODINGS.get(str(encoding), '')
+        rows = self._database.execute('SELECT id, name, type, serialization_format FROM topics').fetchall()
+        return {number: Channel(str(name), str(kind), *definitions.get(str(kind), ('', '')), 0)
+                for number, name, kind, form in rows if form == 'cdr' and isinstance(number, int)}
+
+    def _sound_rows(self) -> list[tuple[int, int, int]]:
+        """Log time, topic and id of the messages that can be reached from either end of a damaged table."""
+        found: set[tuple[int, int, int]] = set()
+        for direction in ('ASC', 'DESC'):
+            with suppress(sqlite3.Error):
+                for log_ns, number, row in self._database.execute(
+                        f'SELECT timestamp, topic_id, id FROM messages NOT INDEXED ORDER BY id {direction}'):
+                    if isinstance(log_ns, int) and isinstance(number, int):
+                        found.add((log_ns, number, row))
+        return sorted(found)
+
+    def _rescued(self, rows: list[tuple[int, int, int]]) -> Iterator[tuple[int, int, bytes]]:
+        for log_ns, number, row in rows:
+            try:
+                found = self._database.execute('SELECT data FROM messages WHERE id = ?', (row,)).fetchone()
+            except sqlite3.Error:
+                continue  # counted: fewer messages are found than announced
+            if found is not None:
+                yield number, log_ns, found[0]
+
+
+def _address(path: Path) -> str:
+    """A database whose writer was interrupted may have its last messages in a log beside it."""
+    log = path.with_name(f'{path.name}-wal')
+    unfinished = log.exists() and log.stat().st_size > 0
+    return f'file:{quote(str(path.absolute()))}?{"mode=ro" if unfinished else "immutable=1"}'
