@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from polymap_ros.commands import console, live
+from polymap_ros.commands import console, live, speed
 
 if TYPE_CHECKING:
     from polymap_ros.evaluation.rows import Result
@@ -19,7 +19,8 @@ rectangular one, cost, edges and IoU over the iterations. "random": random conve
 same scenes. "online": the same scenes with an estimate after every ping. "doubt": scenes that no convex polygon
 explains, and how many of them are flagged. "calibration": wrong media and drifting odometry, what is noticed and what
 calibration makes of it. "live": the real node over DDS for minutes, what it loses, costs and how
-late it is. "cpu": CPU of an idle node, an odometry message and a ping. Ranges are always estimated from the
+late it is. "cpu": CPU of an idle node, an odometry message and a ping. "speed": equations, a solve, a replay and
+--help, as ratios to what everybody knows. Ranges are always estimated from the
 signals.'''
 
 
@@ -32,7 +33,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _run_experiment(arguments: argparse.Namespace) -> int:
     if arguments.experiment not in ('live', 'cpu'):
-        _refuse(arguments, *live.ARGUMENTS)
+        _refuse(arguments, *(name for name in live.ARGUMENTS if (arguments.experiment, name) != ('speed', 'minutes')))
+    if arguments.experiment != 'speed':
+        _refuse(arguments, 'growth')
     return _EXPERIMENTS[arguments.experiment](arguments)
 
 
@@ -45,7 +48,8 @@ def _parser() -> console.Parser:
     parser.add_argument('--jobs', type=console.count, default=1, metavar='N', help='processes (default: 1)')
     parser.add_argument('--method', type=_names, metavar='M,...',
                         help='methods (default: solver.method); paper: methods to run once beside')
-    parser.add_argument('--repetitions', type=console.count, metavar='N', help='paper: per scene (default: 10)')
+    parser.add_argument('--repetitions', type=console.count, metavar='N',
+                        help='paper: per scene (default: 10); speed: pairs of measurements (default: 20)')
     parser.add_argument('--edges', type=_edges, metavar='A-B', help='all but paper: numbers of edges (default: 3-8)')
     parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
                         help='all but paper: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
@@ -56,6 +60,7 @@ def _parser() -> console.Parser:
                         help='random: drive stretches of the odometry in this recording (topic: topics.odom; ROS 1 '
                              'bags are read, too), turned and scaled to fill the rooms')
     live.add_arguments(parser)
+    speed.add_arguments(parser)
     console.add_parameter_arguments(parser)
     return parser
 
@@ -179,6 +184,13 @@ def _live(arguments: argparse.Namespace) -> int:
     return console.DONE
 
 
+def _speed(arguments: argparse.Namespace) -> int:
+    _refuse(arguments, 'method', 'edges', 'seeds', 'variant', 'drive')
+    rows, table = speed.speed(arguments)
+    _write(arguments.output, rows, table, {})
+    return console.DONE
+
+
 def _calibration(arguments: argparse.Namespace) -> int:
     from polymap_ros.errors import UsageError
     from polymap_ros.evaluation.calibration_experiment import CASES, CalibrationExperiment, calibration_table
@@ -198,7 +210,7 @@ def _calibration(arguments: argparse.Namespace) -> int:
 
 
 _EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'calibration': _calibration,
-                'live': _live, 'cpu': _live}
+                'live': _live, 'cpu': _live, 'speed': _speed}
 
 
 def _variant(arguments: argparse.Namespace) -> tuple[str, str]:

@@ -31,7 +31,8 @@ NS = 1_000_000_000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what a drive is like."""
-    parser.add_argument('--minutes', type=float, metavar='M', help='live, cpu: length of the drive (default: 10; 1)')
+    parser.add_argument('--minutes', type=float, metavar='M',
+                        help='live, cpu, speed: length of the drive (default: 10; 1; 10)')
     parser.add_argument('--odom-hz', type=float, metavar='F', help='live, cpu: odometry rate (default: 200)')
     parser.add_argument('--ping-hz', type=float, metavar='F', help='live, cpu: pings per second (default: 20)')
     parser.add_argument('--samples', type=int, metavar='N', help='live, cpu: samples per ping (default: 8192)')
