@@ -14,10 +14,16 @@ except ImportError:
 
 
 def kernel(function: F) -> F:
-    """Compile an inner loop: releases the interpreter, cached on disk."""
+    """Compile an inner loop: releases the interpreter, cached on disk where there is a folder that can be written."""
     if numba is None:
         return function
-    compiled: F = numba.njit(nogil=True, cache=True)(function)
+    compiled: F
+    try:
+        compiled = numba.njit(nogil=True, cache=True)(function)
+    except RuntimeError:
+        warnings.warn('no folder for numba to keep compiled code in (NUMBA_CACHE_DIR, or below HOME): polymap_ros is '
+                      'compiled anew in every process', RuntimeWarning, stacklevel=2)
+        compiled = numba.njit(nogil=True)(function)
     _stamp_with_callees(compiled, function)
     return compiled
 

@@ -1,8 +1,11 @@
 """Compiled kernels: cached, and never older than what they were compiled from."""
 
+import json
+import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 CALLER = '''
@@ -44,3 +47,60 @@ def test_a_cached_kernel_expires_when_a_kernel_it_calls_has_changed(tmp_path):
     assert answer(tmp_path, hits) == '1'
     (tmp_path / 'callee.py').write_text(CALLEE.format(factor='5.00'))
     assert answer(tmp_path) == '6.0'
+
+
+def test_without_a_folder_for_the_cache_it_is_compiled_all_the_same(tmp_path):
+    """Neither the folder asked for, nor beside the source, nor below HOME."""
+    pytest.importorskip('numba')
+    (tmp_path / 'caller.py').write_text(CALLER)
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='2.0'))
+    (tmp_path / '__pycache__').write_text('a file, so that no folder can be made in its place')
+    nowhere = os.environ | dict.fromkeys(('NUMBA_CACHE_DIR', 'HOME', 'XDG_CACHE_HOME'), '/dev/null/nowhere')
+    done = subprocess.run(
+        [sys.executable, '-c', 'import caller; print(caller.outermost(1.0), caller.outermost.signatures)'],
+        cwd=tmp_path, env=nowhere, capture_output=True, text=True, check=True)
+    assert done.stdout == '3.0 [(float64,)]\n'
+    assert done.stderr.count('compiled anew in every process') == 3  # once for each line that asks for it
+
+
+TINY = '''
+import json, sys, warnings
+if sys.argv[1] == 'without':
+    sys.modules['numba'] = None
+import numpy as np
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter('always')
+    from polymap_ros import jit
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation import scene_file, waveforms
+
+scene = scene_file.load_scene('triangle')
+samples = waveforms.simulate(scene)
+found = {'numba': jit.numba is not None, 'warnings': [str(each.message) for each in caught]}
+for method in ('evidence', 'paper', 'rectangle'):
+    mapper = PolygonMapper(Parameters().replaced({
+        'solver.method': method, 'solver.max_edges': 4, 'solver.iterations': 20,
+        'grid.range_step_m': 0.02, 'grid.angle_step_deg': 5.0, 'free_area.model': 'grid'}))
+    for k in range(0, len(samples), 6):
+        mapper.add_pose(k * 10**9, Pose(*scene.poses[k]))
+        mapper.add_ping(Ping(k * 10**9, samples[k], 1e-6))
+    polygon = mapper.solve().polygon
+    found[method] = [] if polygon is None else polygon.vertices.tolist()
+print(json.dumps(found))
+'''
+
+
+def test_without_numba_everything_works_and_says_that_it_is_slow():
+    pytest.importorskip('numba')
+    compiled, plain = (json.loads(subprocess.run(
+        [sys.executable, '-c', TINY, how], capture_output=True, text=True, check=True).stdout)
+        for how in ('with', 'without'))
+    assert (compiled.pop('numba'), plain.pop('numba')) == (True, False)
+    assert (compiled.pop('warnings'), plain.pop('warnings')) == (
+        [], ['numba is not installed: polymap_ros runs, but slowly'])
+    assert len(compiled['evidence']) == 3
+    for method, vertices in compiled.items():
+        np.testing.assert_allclose(plain[method], vertices, rtol=0, atol=1e-6)
