@@ -1,7 +1,6 @@
 """Parameters from a ROS parameter file and from a command line's ``name:=value``, read as ROS reads them."""
 
 import dataclasses
-import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,18 +9,7 @@ import yaml
 
 from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.parameters import NODE_NAME, Parameters, specifications
-
-
-class _Loader(yaml.SafeLoader):
-    """YAML as ROS reads it: 1e-6 is a number, as in YAML 1.2, where PyYAML's 1.1 asks for 1.0e-6."""
-
-
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+(\.\d*)?|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789'))
-
-
-def _read_yaml(text: str) -> Any:
-    return yaml.load(text, Loader=_Loader)
+from polymap_ros.plain_yaml import read_yaml
 
 
 def parse_override(text: str) -> tuple[str, object]:
@@ -30,7 +18,7 @@ def parse_override(text: str) -> tuple[str, object]:
     if not separator or not name:
         raise ParameterError(text, 'expected name:=value')
     try:
-        return name, _read_yaml(value) if value else ''
+        return name, read_yaml(value) if value else ''
     except yaml.YAMLError as error:
         raise ParameterError(name, f'{value!r} is not a YAML value') from error
 
@@ -52,7 +40,7 @@ def load_parameters(
         For a name or value that is not allowed.
     """
     try:
-        document = _read_yaml(path.read_text(encoding='utf-8'))
+        document = read_yaml(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:

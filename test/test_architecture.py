@@ -12,7 +12,7 @@ import polymap_ros
 
 PACKAGE = Path(polymap_ros.__file__).parent
 FILES = sorted(PACKAGE.rglob('*.py'))
-SHARED = {'errors', 'parameters', 'specification'}
+SHARED = {'errors', 'parameters', 'specification', 'plain_yaml'}
 """Modules beside the rooms that every room may import; the others are listed with the rooms that use them."""
 
 KNOWS = {

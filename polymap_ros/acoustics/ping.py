@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+FAINTEST, LOUDEST = 1e-100, 1e100
+"""The largest sample of a ping lies between these: its energy is a number then, in whatever unit."""
+
 
 @dataclass(frozen=True, eq=False)
 class Ping:

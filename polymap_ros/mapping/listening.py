@@ -12,7 +12,7 @@ from polymap_ros.acoustics.front_end import FrontEnd, clipped, dropped_out
 from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter, sampling_step
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
-from polymap_ros.acoustics.ping import Ping
+from polymap_ros.acoustics.ping import FAINTEST, LOUDEST, Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
 from polymap_ros.errors import BadPing
@@ -97,7 +97,8 @@ class Listener:
         """Raise `BadPing` with the reason if a ping cannot be used wherever it was taken.
 
         ``bad_shape``: no row of samples with a period and a start in time, or a period too coarse for the pulse;
-        ``bad_samples``: samples that are not finite, or all zero; ``too_long``: beyond `MAX_SAMPLES` or `MAX_CELLS`;
+        ``bad_samples``: samples that are not finite, all zero, or beyond `FAINTEST` and `LOUDEST`;
+        ``too_long``: beyond `MAX_SAMPLES` or `MAX_CELLS`;
         ``too_short``: over before an echo from beyond the blanking would be.
         """
         samples, period_s, t0_s = ping.samples, ping.period_s, ping.t0_s
@@ -122,6 +123,8 @@ class Listener:
             raise BadPing('bad_samples', f'{np.sum(~np.isfinite(samples))} of {samples.size} samples are not finite')
         if not np.any(samples):
             raise BadPing('bad_samples', f'all {samples.size} samples are zero')
+        if not FAINTEST <= (peak := float(np.max(np.abs(samples)))) <= LOUDEST:
+            raise BadPing('bad_samples', f'the largest sample is {peak:g}; allowed: {FAINTEST:g} to {LOUDEST:g}')
         self._check_converter(ping)
 
     def _check_converter(self, ping: Ping) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.acoustics.ping import Ping
+from polymap_ros.acoustics.ping import LOUDEST, Ping
 from polymap_ros.errors import StateError
 
 
@@ -27,7 +27,7 @@ def unpacked_pings(state: Mapping[str, NDArray[np.generic]], prefix: str) -> lis
     starts = np.concatenate((np.zeros(1, np.int64), state[f'{prefix}ends']))
     if np.any(np.diff(starts) <= 0) or starts[-1] != samples.size:
         raise StateError(f'the waiting pings do not share {samples.size} samples')
-    if not (np.all(np.isfinite(samples)) and np.all(np.isfinite(times)) and np.all(times[:, 0] > 0.0)):
+    if not (np.all(np.abs(samples) <= LOUDEST) and np.all(np.isfinite(times)) and np.all(times[:, 0] > 0.0)):
         raise StateError('the waiting pings are not finite')
     rows = zip(state[f'{prefix}ns'].tolist(), times.tolist(), state[f'{prefix}frames'].tolist(),
                starts[:-1].tolist(), starts[1:].tolist(), strict=True)

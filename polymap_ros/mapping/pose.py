@@ -5,6 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+FARTHEST_M = 1e9
+"""Coordinates beyond this are no place on Earth; below it cells of any grid can be counted in 64 bits."""
+
 
 @dataclass(frozen=True)
 class Pose:
@@ -13,6 +16,11 @@ class Pose:
     x: float
     y: float
     yaw: float = 0.0
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether this can be the pose of a robot: finite, and within `FARTHEST_M`."""
+        return all(abs(value) <= FARTHEST_M for value in (self.x, self.y, self.yaw))
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (..., 2) given in this pose's frame into the frame it is expressed in."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import BadPing, StateError
 from polymap_ros.mapping.plane import Placed
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.pose import FARTHEST_M, Pose
 from polymap_ros.parameters import OdometryParameters
 
 _NS = 1_000_000_000
@@ -60,13 +60,15 @@ class PoseTrack:
         return self._stamps[-1] - self._buffer_ns if self._stamps else None
 
     def add(self, stamp_ns: int, pose: Pose | Placed) -> bool:
-        """Append a pose; False, and not taken, if its stamp is not after the newest one.
+        """Append a pose; False, and not taken, if its stamp is not after the newest one or it cannot be a robot's.
 
         One stamped further ahead than a gap may be is held back until a later one confirms that time has gone on: a
         single wild stamp would make all that is true come too late. So is the first one, where the second comes as far
         before it.
         """
         placed = pose if isinstance(pose, Placed) else Placed(pose)
+        if not placed.pose.is_sound:
+            return False
         if len(self._stamps) == 1 and stamp_ns < self._stamps[0] - self._max_gap_ns:
             self._hold(self._stamps.pop(), self._poses.pop())
             self._append(stamp_ns, placed)
@@ -158,8 +160,8 @@ class PoseTrack:
         held, outliers = int(state['held']), int(state['outliers'])
         if stamps.ndim != 1 or poses.shape != (len(stamps), 5) or np.any(stamps[1:] <= stamps[:-1]):
             raise StateError('the poses do not match their stamps')
-        if not np.all(np.isfinite(poses)):
-            raise StateError('the poses are not finite')
+        if not (np.all(np.isfinite(poses)) and np.all(np.abs(poses[:, :3]) <= FARTHEST_M)):
+            raise StateError('the poses are not those of a robot')
         if not 0 <= held <= min(1, len(stamps)):
             raise StateError(f'{held} poses are held back of {len(stamps)}')
         placed = [Placed(Pose(x, y, yaw), height_m, tilt_rad) for x, y, yaw, height_m, tilt_rad in poses.tolist()]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
+from polymap_ros.mapping.pose import FARTHEST_M
 from polymap_ros.mapping.sounding import Sounding
 
 
@@ -29,7 +30,9 @@ def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_fine: int, fold:
     shape = (int(kept.sum()), n_fine) if kept.any() else (0, 0)
     if stamps.shape != (n,) or places.shape != (n, 6) or kept.shape != (n,) or echoes.shape != shape:
         raise StateError(f'{n} soundings do not match {places.shape} places and {echoes.shape} echoes')
-    if not (np.all(np.isfinite(places[:, :2])) and np.all(places[:, 3] > 0.0) and np.all(np.isfinite(echoes))):
+    near = np.all(np.abs(places[:, :2]) <= FARTHEST_M)
+    loud = np.all((places[:, 3] > 0.0) & np.isfinite(places[:, 3]))
+    if not (near and loud and np.all(np.isfinite(places[:, 4:])) and np.all(np.isfinite(echoes))):
         raise StateError('the soundings are not finite')
     rows = iter(echoes)
     echoes_or_none = [next(rows) if is_kept else np.empty(0, np.complex64) for is_kept in kept]

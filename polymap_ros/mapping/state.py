@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
 from polymap_ros.mapping.plane import Plane, SpatialPose
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.pose import FARTHEST_M, Pose
 from polymap_ros.parameters import Parameters
 
 VERSION = 2
@@ -58,7 +58,7 @@ def packed_frame(frame_id: str, start: Pose | None, plane: Plane | None) -> Part
 def unpacked_frame(part: Part) -> tuple[str, Pose | None, Plane | None]:
     """Undo `packed_frame`."""
     starts, planes = np.asarray(part['start'], float), np.asarray(part['plane'], float)
-    if starts.shape not in ((0, 3), (1, 3)) or not np.all(np.isfinite(starts)):
+    if starts.shape not in ((0, 3), (1, 3)) or not np.all(np.abs(starts) <= FARTHEST_M):
         raise StateError('the start frame is not a pose')
     if planes.shape not in ((0, 8), (1, 8)) or not np.all(np.isfinite(planes)):
         raise StateError('the mapping plane is not a pose and a height')

@@ -8,6 +8,7 @@ from typing import Any
 import yaml
 
 from polymap_ros.errors import RecordingError
+from polymap_ros.plain_yaml import read_yaml
 
 SUFFIXES = ('.mcap', '.db3')
 _NEWEST, _MOST_BYTES = 9, 2**24
@@ -58,7 +59,7 @@ def layout_of(path: Path) -> Layout:
         return _without_metadata(path, 'holds no metadata.yaml')
     try:
         return _by_metadata(path, _read(path / 'metadata.yaml'))
-    except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
+    except (OSError, yaml.YAMLError, ValueError, TypeError, KeyError, AttributeError) as error:
         reason = f'missing {error}' if isinstance(error, KeyError) else str(error)
         return _without_metadata(path, f'has a metadata.yaml that cannot be read ({" ".join(reason.split())})')
 
@@ -82,7 +83,7 @@ def _number(file: Path) -> tuple[int, str]:
 def _read(file: Path) -> Any:
     if file.stat().st_size > _MOST_BYTES:
         raise ValueError(f'{file.stat().st_size} bytes, {_MOST_BYTES} are allowed')
-    return yaml.safe_load(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
+    return read_yaml(file.read_text(encoding='utf-8'))['rosbag2_bagfile_information']
 
 
 def _by_metadata(path: Path, metadata: Any) -> Layout:

@@ -29,7 +29,7 @@ def read_truth(recording: Path) -> NDArray[np.float64] | None:
         return None
     try:
         vertices = np.array(json.loads(path.read_text(encoding='utf-8'))['vertices'], dtype=float)
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, RecursionError) as error:
+    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise RecordingError(f'{path}: is no ground truth ({type(error).__name__}: {error})') from error
     if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
         raise RecordingError(f'{path}: vertices of shape {vertices.shape}; allowed: at least three finite [x, y]')

@@ -4,6 +4,7 @@ import io
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,14 +42,13 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
     problem = f'{path}: is no saved state, or a damaged one; allowed: state.npz of polymap_replay or ~/save'
     try:
         with path.open('rb') as stream:
-            if not zipfile.is_zipfile(stream):  # what else numpy reads are single arrays, and pickles
-                raise StateError(problem)
+            _check_archive(stream, path.stat().st_size)
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as file:
                 state = {name: file[name] for name in file.files}
     except OSError as error:
         raise StateError(f'{path}: cannot be read: {error.strerror or error}') from error
-    except (ValueError, KeyError, EOFError, AttributeError, NotImplementedError, zipfile.BadZipFile) as error:
+    except Exception as error:  # whatever numpy's and Python's parsers meet in a damaged file
         raise StateError(problem) from error
     if 'format' not in state:
         raise StateError(problem)
@@ -56,6 +56,18 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
     if found != STATE_FORMAT:
         raise StateError(f'{path}: has format {found}; allowed: {STATE_FORMAT}')
     return state
+
+
+def _check_archive(stream: BinaryIO, size: int) -> None:
+    """Raise an exception unless all members are as `npz` writes them, with their checksums, not beyond the file.
+
+    What else numpy reads are single arrays, pickles, and compressed arrays of any size.
+    """
+    with zipfile.ZipFile(stream) as archive:
+        members = archive.infolist()
+        plain = all(member.compress_type == zipfile.ZIP_STORED for member in members)
+        if not plain or sum(member.file_size for member in members) > size or archive.testzip() is not None:
+            raise zipfile.BadZipFile('not as it was written')
 
 
 def beam_map_npz(beam_map: BeamformingMap, start_pose: Pose | None) -> bytes:

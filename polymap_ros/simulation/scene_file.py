@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import ParameterError, SceneError
 from polymap_ros.parameters import GridParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.plain_yaml import read_yaml
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.scenes import Scene, counter_clockwise
@@ -70,7 +71,7 @@ def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
             known = ', '.join(built_in_scenes())
             raise SceneError(f'{name}: no scene file that can be read, nor a built-in scene ({known})') from error
     try:
-        document = yaml.safe_load(text)
+        document = read_yaml(text)
         if not isinstance(document, dict):
             raise SceneError('expected a mapping with vertices, and poses or trajectory')
         return _scene(document, path.name.partition('.')[0], path.parent, read_path)
@@ -164,7 +165,7 @@ def _array(value: Any, key: str) -> NDArray[np.float64]:
 
 
 def _number(body: Mapping[str, Any], key: str) -> float:
-    """A number; YAML reads 1e6 without a dot as text."""
+    """A number, an integer where the key is one of those."""
     value = body.get(key)
     try:
         if isinstance(value, bool) or value is None:

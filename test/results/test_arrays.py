@@ -1,14 +1,17 @@
 """Arrays come back as they were; a file that is no state is refused without running what is in it."""
 
 import io
+import tracemalloc
 
 import numpy as np
 import pytest
 
+from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import StateError
 from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
-from polymap_ros.parameters import GridParameters
+from polymap_ros.parameters import GridParameters, Parameters
 from polymap_ros.results.arrays import beam_map_npz, npz, read_state, state_npz
 
 STATE = {
@@ -76,3 +79,65 @@ def test_the_beam_map_has_its_axes_and_frame():
         np.testing.assert_allclose(found['r_m'], [0, 0.25, 0.5, 0.75, 1])
         np.testing.assert_allclose(found['theta_rad'], np.arange(4) * np.pi / 2)
         np.testing.assert_array_equal(found['start_pose'], [1.0, 2.0, 0.5])
+
+
+@pytest.fixture
+def small():
+    """A mapper with two pings used and one waiting, and the parameters it was made with."""
+    parameters = Parameters().replaced({
+        'medium.model': 'constant', 'medium.speed_m_s': 1500.0, 'grid.range_max_m': 0.1, 'grid.angle_step_deg': 30.0,
+        'echo.blanking_m': 0.0})
+    mapper = PolygonMapper(parameters)
+    for k in range(3):
+        mapper.add_pose(k * 10**8, Pose(0.01 * k, 0.0))
+        mapper.add_ping(Ping(k * 10**8 + k // 2, np.random.default_rng(k).normal(size=256), 1e-6))
+    assert (mapper.counts.used, mapper.counts.waiting) == (2, 1)
+    return mapper, parameters
+
+
+def test_a_flipped_bit_is_noticed_or_harmless(small, tmp_path):
+    """Every member has its CRC-32; beyond that there are only the archive's own records, such as dates."""
+    mapper, parameters = small
+    whole, state = np.frombuffer(state_npz(mapper.state()), np.uint8), mapper.state()
+    rng, refused = np.random.default_rng(1), 0
+    path = tmp_path / 'state.npz'
+    for case in range(400):
+        content = whole.copy()
+        # Half of them in the archive's directory, which is at the end.
+        position = whole.size - 1 - rng.integers(4000) if case % 2 else rng.integers(whole.size)
+        content[position] ^= np.uint8(1 << rng.integers(8))
+        path.write_bytes(content.tobytes())
+        try:
+            found = read_state(path)
+            PolygonMapper.from_state(parameters, found)
+        except StateError:
+            refused += 1
+            continue
+        assert found.keys() == state.keys()
+        for name, array in state.items():
+            np.testing.assert_array_equal(found[name], array)
+    assert refused > 300
+
+
+@pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_state_that_was_cut_off(small, tmp_path, share):
+    whole = state_npz(small[0].state())
+    (tmp_path / 'state.npz').write_bytes(whole[:int(share * len(whole))])
+    with pytest.raises(StateError, match=r'state\.npz: is no saved state, or a damaged one'):
+        read_state(tmp_path / 'state.npz')
+
+
+def test_a_compressed_state_is_refused_before_it_becomes_large(small, tmp_path):
+    np.savez_compressed(tmp_path / 'state.npz', format='polymap-state/1', bomb=np.zeros(2**24))
+    tracemalloc.start()
+    with pytest.raises(StateError):
+        read_state(tmp_path / 'state.npz')
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**24
+
+
+def test_a_state_of_another_version_says_which_is_needed(small):
+    mapper, parameters = small
+    with pytest.raises(StateError, match='the state has version 99; allowed: 2'):
+        PolygonMapper.from_state(parameters, {**mapper.state(), 'version': np.array(99)})
