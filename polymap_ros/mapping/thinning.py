@@ -27,6 +27,7 @@ class Thinning:
         self._kept: list[int] = []
         self._places = np.empty((0, 2))
         self._gaps: NDArray[np.float64] = np.empty((0, 0))
+        self._least = 0.0  # no gap is smaller, once there are as many as are kept
 
     @classmethod
     def of(cls, soundings: Sequence[Sounding]) -> 'Thinning':
@@ -45,13 +46,19 @@ class Thinning:
 
     def add(self, soundings: list[Sounding]) -> None:
         """Take the newest sounding in; another one may lose its echo."""
-        self._keep(len(soundings) - 1, soundings[-1])
-        if len(self._kept) > KEPT_PINGS:
+        newest = len(soundings) - 1
+        if len(self._kept) == KEPT_PINGS and self._distances(soundings[newest]).min() < self._least:
+            index = newest
+        else:
+            self._keep(newest, soundings[newest])
+            if len(self._kept) <= KEPT_PINGS:
+                return
             closest = self._closest()
             index = self._kept.pop(closest)
             self._places = np.delete(self._places, closest, 0)
             self._gaps = np.delete(np.delete(self._gaps, closest, 0), closest, 1)
-            soundings[index] = dataclasses.replace(soundings[index], echo=_NO_ECHO, envelope=_NO_ENVELOPE)
+            self._least = float(self._gaps.min())
+        soundings[index] = dataclasses.replace(soundings[index], echo=_NO_ECHO, envelope=_NO_ENVELOPE)
 
     def _closest(self) -> int:
         first = int(np.argmin(self._gaps.min(axis=1)))
@@ -62,11 +69,14 @@ class Thinning:
         return first if third[0] < third[1] else second
 
     def _keep(self, index: int, sounding: Sounding) -> None:
-        place = np.array([sounding.x, sounding.y])
-        distance = np.hypot(*(self._places - place).T)
         n = len(self._kept)
         gaps = np.full((n + 1, n + 1), np.inf)
         gaps[:n, :n] = self._gaps
-        gaps[n, :n] = gaps[:n, n] = distance
+        gaps[n, :n] = gaps[:n, n] = self._distances(sounding)
         self._kept.append(index)
-        self._places, self._gaps = np.vstack((self._places, place)), gaps
+        self._places, self._gaps = np.vstack((self._places, (sounding.x, sounding.y))), gaps
+
+    def _distances(self, sounding: Sounding) -> NDArray[np.float64]:
+        """Distances to all that are kept [m]."""
+        distances: NDArray[np.float64] = np.hypot(self._places[:, 0] - sounding.x, self._places[:, 1] - sounding.y)
+        return distances
