@@ -95,3 +95,22 @@ def test_a_state_with_numbers_that_cannot_be_is_refused():
                 continue  # a finite map, however high
             with pytest.raises(StateError):
                 PolygonMapper.from_state(PARAMETERS, wild)
+
+
+@pytest.mark.parametrize('sec', [-2**31, -1, 2**31 - 1])
+def test_any_stamp_and_an_empty_frame_of_a_message_can_be_mapped_and_saved(sec):
+    message = odometry_message(make, 0, '', Pose(0.0, 0.0))
+    message.header.stamp.sec, message.header.stamp.nanosec = sec, 2**32 - 1
+    stamp_ns, frame_id, pose = stamped_pose(message)
+    mapper = PolygonMapper(PARAMETERS)
+    for k in range(3):
+        assert mapper.add_pose(stamp_ns + k * 10**8, pose, frame_id)
+        mapper.add_ping(dataclasses.replace(ping(k), stamp_ns=stamp_ns + k * 10**8))
+    assert mapper.counts.used == 3
+    again = PolygonMapper.from_state(PARAMETERS, mapper.state())
+    assert (again.frame_id, again.newest_pose_ns) == ('', stamp_ns + 2 * 10**8)
+
+
+def test_ten_million_samples_are_too_long():
+    mapper = mapped(pings={2: dataclasses.replace(ping(2), samples=np.ones(10**7, np.float32))})
+    assert mapper.counts.dropped == {'too_long': 1}
