@@ -210,7 +210,8 @@ class PolygonMapper:
         """Pings with the sensor's place in the start frame."""
         for ping, place in placed:
             echo, envelope, rho, noise, confidence = self._listener.hear(ping)  # eq. (3)
-            self.soundings.append(Sounding(ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence))
+            self.soundings.append(Sounding(
+                ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw))
             self._thinning.add(self.soundings)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
