@@ -9,7 +9,7 @@ setup(
     name=NAME,
     version='0.1.0',
     description='Maps the polygon around a robot from raw ultrasonic echoes and odometry (ROS 2)',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description=Path(__file__).resolve().with_name('README.md').read_text(encoding='utf-8'),  # colcon links here
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     author='The polymap_ros maintainers',
