@@ -210,7 +210,7 @@ class OdometryParameters(Group):
         0.0, 'turn of the reported heading per true metre travelled, counter-clockwise; poses are freed of it',
         unit='deg/m')
     on_jump_back: str = parameter(
-        'reset', 'when /clock goes back, or odometry by more than max_gap_s (bag loop): forget the map, or ignore '
+        'reset', 'when /clock or odometry goes back by more than max_gap_s (bag loop): forget the map, or ignore '
         'what is older than the newest odometry (node)', choices=('reset', 'ignore'), live=True)
 
 

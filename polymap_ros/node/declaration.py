@@ -12,7 +12,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from polymap_ros.errors import ParameterError
+from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.parameters import Parameters, specifications
 from polymap_ros.specification import Specification, Value
 
@@ -38,6 +38,8 @@ def declare(node: Node, arguments: Sequence[str]) -> Parameters:
     ParameterError
         For an unknown name below one of our groups, unless it was given for all nodes (``/**``), a wrong type
         or a value that is not allowed.
+    UsageError
+        For a parameter file that holds something else.
     """
     given = _taken_overrides(node)
     files = list(_parameter_files(arguments))
@@ -134,13 +136,16 @@ def _parameter_files(arguments: Sequence[str]) -> Iterator[tuple[Path, dict[str,
     for flag, value in pairwise(arguments):
         if flag == '--params-file':
             tree = yaml.safe_load(Path(value).read_text(encoding='utf-8')) or {}
+            if not isinstance(tree, Mapping):
+                raise UsageError(f'parameter file {value}: is not a ROS parameter file: expected polymap_node: '
+                                 'ros__parameters: ...')
             yield Path(value), {node: set(_names(body)) for node, body in _sections(tree)}
 
 
 def _sections(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Mapping[str, Any]]]:
     for key, body in tree.items():
         if key == 'ros__parameters':
-            yield prefix, body or {}
+            yield prefix, body if isinstance(body, Mapping) else {}
         elif isinstance(body, Mapping):
             yield from _sections(body, f'{prefix}/{key}' if prefix else key)
 

@@ -1,7 +1,8 @@
 """What the node says about itself once a second: a state, its reason in words, and the figures."""
 
+import re
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -21,6 +22,9 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 
 REPEAT_S = 60.0
 """The same kind of sentence is not logged again before this time."""
+
+HOLD_S = 5.0
+"""What happened within this time is still told, so that rare events do not make the state flicker."""
 
 
 @dataclass
@@ -45,6 +49,7 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._then_s = time.monotonic()
         self._before = Counter[str]()
+        self._recent = deque[tuple[float, Counter[str]]]()
         self._told_s: dict[str, float] = {}
 
     def publish(self) -> None:
@@ -55,7 +60,10 @@ class Diagnostics:
         elapsed_s = max(now_s - self._then_s, 1e-6)
         rates = {name: new[name] / elapsed_s for name in ('odometry', 'echoes')}
         self._then_s, self._before = now_s, counts
-        findings = list(self._findings(new))
+        self._recent.append((now_s, new))
+        while self._recent[0][0] <= now_s - HOLD_S:
+            self._recent.popleft()
+        findings = list(self._findings(sum((each for _, each in self._recent), Counter[str]())))
         level = max((level for level, _ in findings), default=OK)
         sentence = '; '.join(text for found, text in findings if found == level)
         values = self._values(rates)
@@ -77,12 +85,13 @@ class Diagnostics:
         counts.update({
             'odometry': parts.odometry.received, 'echoes': parts.echoes.received, 'used': parts.mapper.counts.used,
             'behind': parts.solving.behind,
+            'odometry refused': parts.odometry.refused,
             'odometry lost': parts.odometry.lost, 'echoes lost': parts.echoes.lost,
         })
         return counts
 
     def _findings(self, new: Counter[str]) -> Iterator[tuple[bytes, str]]:
-        """State and reason, most basic first; `new` holds what was counted since the last look."""
+        """State and reason, most basic first; `new` holds what was counted in the last `HOLD_S`."""
         parts = self._parts
         if parts.solving.paused:
             yield OK, 'paused'
@@ -93,8 +102,10 @@ class Diagnostics:
                 yield (ERROR if reason.startswith(('wrong type', 'incompatible')) else WARN), reason
         for each, name in ((parts.odometry, 'odometry lost'), (parts.echoes, 'echoes lost')):
             if new[name]:
-                yield WARN, (f'messages lost on {each.topic}: {new[name]} since the last look; is the machine too '
-                             f'busy, or qos_overrides.{each.topic}.subscription.depth too small?')
+                yield WARN, (f'messages lost on {each.topic}: {new[name]} in the last {HOLD_S:g} s; is the machine '
+                             f'too busy, or qos_overrides.{each.topic}.subscription.depth too small?')
+        if new['odometry'] and new['odometry refused'] >= new['odometry']:
+            yield ERROR, f'odometry is refused: {parts.odometry.refusal}'
         yield from self._drops(new)
         counts = parts.mapper.counts
         missing = parts.mapper.missing_frame
@@ -154,7 +165,7 @@ class Diagnostics:
         return values
 
     def _log(self, text: str, now_s: float) -> None:
-        kind = text.partition(':')[0]
+        kind = re.sub(r'\b\d+(\.\d+)?\b', '', text.partition(':')[0])
         if now_s - self._told_s.get(kind, -REPEAT_S) >= REPEAT_S:
             self._told_s[kind] = now_s
             self._node.get_logger().warning(text)

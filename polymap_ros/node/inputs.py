@@ -44,16 +44,19 @@ class Input:
     received, refused, lost, incompatible : int
         Messages that came, those of them that were no use, messages the middleware lost, publishers that offer
         a QoS we cannot take.
+    refusal : str
+        Why the last message that was no use was refused.
     """
 
     def __init__(self, node: Node, topic: str, type_name: str, take: Callable[[Any, int], None],
                  stopwatch: Stopwatch) -> None:
         self.type_name = type_name
         self.received = self.refused = self.lost = self.incompatible = 0
+        self.refusal = ''
         self._node = node
         self._take = take
         self._newest_s = time.monotonic()
-        events = SubscriptionEventCallbacks(incompatible_qos=self._refused, message_lost=self._lost)
+        events = SubscriptionEventCallbacks(incompatible_qos=self._incompatible, message_lost=self._lost)
         try:
             self._subscription = node.create_subscription(
                 message_class(type_name), topic, stopwatch.timed(topic, self._received), sensor_input(),
@@ -87,6 +90,11 @@ class Input:
                 return f'incompatible QoS on {self.topic}: {why.strip().rstrip(";")}'
         return f'{self.topic} has a publisher, but no message {"came" if self.received == 0 else "comes any more"}'
 
+    def refuse(self, reason: str) -> None:
+        """Count a message that came and was no use."""
+        self.refused += 1
+        self.refusal = reason
+
     def _received(self, message: Any, info: dict[str, Any]) -> None:
         self.received += 1
         self._newest_s = time.monotonic()
@@ -95,7 +103,7 @@ class Input:
     def _lost(self, event: Any) -> None:
         self.lost = event.total_count
 
-    def _refused(self, event: Any) -> None:
+    def _incompatible(self, event: Any) -> None:
         self.incompatible = event.total_count
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         self._node.get_logger().warning(f'a publisher on {self.topic} offers incompatible QoS ({policy}); ours can be '

@@ -104,8 +104,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         try:
             stamp_ns, frame_id, pose = stamped_pose(message)
         except BadOdometry as error:
-            self._odometry.refused += 1
-            self.get_logger().warning(str(error), throttle_duration_sec=10.0)
+            self._refuse(str(error))
             return
         if self._sensor_frame is not None:
             self._sensor_frame.base = message.child_frame_id
@@ -116,15 +115,16 @@ class PolymapNode(Node):  # type: ignore[misc]
         outliers = self._mapper.outliers
         taken = self._mapper.add_pose(stamp_ns, pose, frame_id)
         if self._mapper.outliers > outliers:
-            self._odometry.refused += 1
-            self.get_logger().warning('an odometry message was stamped far ahead of the next one and is left out',
-                                      throttle_duration_sec=10.0)
+            self._refuse('an odometry message was stamped far ahead of the next one and is left out')
         self._settle()
-        if not taken:
-            self._odometry.refused += 1
-            if frame_id != self._mapper.frame_id:
-                self.get_logger().warning(f'odometry in frame {frame_id!r} is refused, the map is in '
-                                          f'{self._mapper.frame_id!r}; ~/reset forgets it', throttle_duration_sec=10.0)
+        if not taken and frame_id != self._mapper.frame_id:
+            self._refuse(f'it is in frame {frame_id!r}, the map is in {self._mapper.frame_id!r}; ~/reset forgets it')
+        elif not taken:
+            self._odometry.refuse(f'it is stamped {max(back_s, 0.0):.3f} s before the newest taken')
+
+    def _refuse(self, reason: str) -> None:
+        self._odometry.refuse(reason)
+        self.get_logger().warning(f'odometry is refused: {reason}', throttle_duration_sec=10.0)
 
     def _take_echo(self, message: Any, received_ns: int) -> None:
         if self._solving.paused:
@@ -151,9 +151,12 @@ class PolymapNode(Node):  # type: ignore[misc]
 
     def _watch_clock(self) -> None:
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
-        self._jump_handle = self.get_clock().create_jump_callback(
-            threshold, post_callback=lambda jump: self._jumped_back(
-                f'/clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s'))
+        self._jump_handle = self.get_clock().create_jump_callback(threshold, post_callback=self._clock_jumped)
+
+    def _clock_jumped(self, jump: Any) -> None:
+        back_s = -jump.delta.nanoseconds * 1e-9
+        if back_s > self._live.current.odometry.max_gap_s:
+            self._jumped_back(f'/clock went back by {back_s:.3f} s')
 
     def _jumped_back(self, what: str) -> None:
         action = self._live.current.odometry.on_jump_back

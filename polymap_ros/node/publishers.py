@@ -26,16 +26,27 @@ HEARTBEAT_PERIOD_S = 10.0
 
 
 class Latched:
-    """A topic that remembers its last message, for the heartbeat."""
+    """A topic that remembers its last message, for the heartbeat, and whether that shows anything."""
 
     def __init__(self, node: Node, name: str, type_name: str) -> None:
         self._publisher = node.create_publisher(message_class(type_name), f'~/{name}', latched_output())
         self._last: Any = None
+        self._shows = False
 
     def publish(self, message: Any) -> None:
         """Publish on change."""
-        self._last = message
+        self._last, self._shows = message, True
         self._publisher.publish(message)
+
+    def clear(self, message: Any) -> None:
+        """Publish `message`, which says that there is nothing."""
+        self.publish(message)
+        self._shows = False
+
+    def withdraw(self, message: Any) -> None:
+        """Clear, unless nothing is shown already."""
+        if self._shows:
+            self.clear(message)
 
     def repeat(self) -> None:
         """Publish the last message again, for subscribers that are not transient local."""
@@ -43,12 +54,14 @@ class Latched:
             self._publisher.publish(self._last)
 
 
-Ready: TypeAlias = tuple[Latched, Any]
-"""A message and where it goes."""
+Ready: TypeAlias = Callable[[], None]
+"""Publishes a message where it goes."""
 
 
 class Outputs:
     """Publishes what the mapper found; an open or ambiguous answer never as a polygon or a map.
+
+    Such an answer withdraws the polygon and the map of the one before.
 
     Parameters
     ----------
@@ -85,30 +98,33 @@ class Outputs:
 
     def drawn(self, twin: PolygonMapper) -> list[Ready]:
         """The messages of a twin's estimate; in any thread."""
-        marked = self._markers, markers.marker_array_message(make, markers.drawing_of(twin))
+        marked = partial(self._markers.publish, markers.marker_array_message(make, markers.drawing_of(twin)))
+        no_map = partial(self._map.withdraw, outputs.no_map_message(make, twin.frame_id))
         if twin.estimate is None or twin.estimate.polygon is None:
-            return [marked]
+            no_polygon = outputs.polygon_message(make, 0, twin.frame_id, [])
+            return [partial(self._polygon.withdraw, no_polygon), marked, no_map]
         vertices, stamp_ns, plane = twin.estimate.polygon.vertices, twin.estimate.stamp_ns, twin.plane or XY
-        messages = [(self._polygon, outputs.polygon_message(make, stamp_ns, twin.frame_id, vertices, plane)), marked]
+        polygon = outputs.polygon_message(make, stamp_ns, twin.frame_id, vertices, plane)
+        messages = [partial(self._polygon.publish, polygon), marked]
         try:
             grid = occupancy_of(vertices, self._parameters())
         except ParameterError as error:
             self._node.get_logger().error(str(error), throttle_duration_sec=60.0)
-            return messages
-        return [*messages, (self._map, outputs.occupancy_grid_message(
+            return [*messages, no_map]
+        return [*messages, partial(self._map.publish, outputs.occupancy_grid_message(
             make, stamp_ns, twin.frame_id, grid.cells, grid.resolution_m, grid.origin, plane))]
 
     def publish(self, messages: Sequence[Ready]) -> None:
         """Publish what was drawn, message by message."""
-        self._due = deque(partial(output.publish, message) for output, message in messages)
+        self._due = deque(messages)
         self._timer.reset()
 
     def clear(self, frame_id: str) -> None:
         """Replace everything latched: no corners, no markers, one unknown cell, a map of zeros."""
         self._due.clear()
-        self._polygon.publish(outputs.polygon_message(make, 0, frame_id, []))
+        self._polygon.clear(outputs.polygon_message(make, 0, frame_id, []))
         self._markers.publish(markers.delete_all_message(make, frame_id))
-        self._map.publish(outputs.no_map_message(make, frame_id))
+        self._map.clear(outputs.no_map_message(make, frame_id))
         self._beam_map.publish(outputs.beam_map_message(make, 0, self._start_frame, self._mapper.beam_map.values))
         self._mapped_pings = 0
 

@@ -9,6 +9,9 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.messages.outputs import odometry_message
+from polymap_ros.node.factory import make
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
 
@@ -44,14 +47,48 @@ def test_pings_older_than_the_odometry_and_within_its_gaps(peer, start, riding):
     for second in (90.0, 90.5, 91.0, 99.5, 100.0, 100.5):
         ride.pose(round(second * SECOND_NS), 0)
     peer.spin_until(lambda: values().get('odometry received') == '6', 'the poses')
+    ride.ping(200 * SECOND_NS, ride.samples[3])
+    says(peer, values, '1 pings wait for odometry: is it late, or are the clocks of the two apart?')
     ride.ping(10 * SECOND_NS, ride.samples[0])
     says(peer, values, 'stale: emitted 90.500 s before the newest odometry; odometry.buffer_s keeps 20 s')
     ride.ping(95 * SECOND_NS, ride.samples[1])
     says(peer, values, 'pose_gap: emitted within a gap of 8.500 s')
     ride.ping(89 * SECOND_NS, ride.samples[2])
     says(peer, values, 'no_pose: emitted 1.000 s before the first odometry')
-    ride.ping(200 * SECOND_NS, ride.samples[3])
-    says(peer, values, '1 pings wait for odometry: is it late, or are the clocks of the two apart?')
+
+
+def test_refused_odometry_is_told_and_waiting_pings_are_logged_once(peer, start, riding):
+    node = start('--ros-args', *RELIABLE)
+    values, ride = peer.diagnostics(), riding()
+    ride.pose(SECOND_NS, 0)
+    for k in range(4):
+        ride.ping((k + 2) * SECOND_NS, ride.samples[k])
+        says(peer, values, f'{k + 1} pings wait for odometry')
+    bad = odometry_message(make, 3 * SECOND_NS, 'odom', Pose(0.0, 0.0))
+    bad.pose.pose.orientation.w = 0.0
+
+    def refused():  # once the good pose is longer ago than what is still told
+        ride.odometry.publish(bad)
+        return 'odometry is refused: ' in values()['message']
+
+    peer.spin_until(refused, 'refused odometry in the diagnostics')
+    assert 'orientation' in values()['message']
+    assert values()['level'] == '2'
+    assert node.stop() == 0
+    assert sum('pings wait for odometry' in line for line in node.lines) == 1
+
+
+def test_a_dropped_ping_is_told_for_seconds(peer, start, riding):
+    start('--ros-args', *RELIABLE)
+    looks, ride = peer.listen('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 10), riding()
+    ride.ping(SECOND_NS, [])
+
+    def told():
+        return ['pings dropped' in look.status[0].message for look in looks]
+
+    peer.spin_until(lambda: True in told() and not told()[-1], 'the drop, and then no more')
+    assert 4 <= sum(told()) <= 6
+    assert told()[told().index(True):].index(False) == sum(told()), 'without a break'
 
 
 @pytest.mark.parametrize('method', ['evidence', 'paper'])

@@ -2,6 +2,7 @@
 
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +13,11 @@ from rclpy.parameter import Parameter
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.pose import Pose
-from polymap_ros.messages.outputs import echo_message, odometry_message
+from polymap_ros.messages.outputs import echo_message, odometry_message, time_message
 from polymap_ros.node.factory import make
 from polymap_ros.results.arrays import read_state
 from polymap_ros.simulation.scene_file import load_scene
-from polymap_ros.simulation.waveforms import simulate
+from polymap_ros.simulation.waveforms import pings, simulate
 
 ODOMETRY, SCAN = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/LaserScan'
 POLYGON, TRIGGER, SET = 'geometry_msgs/msg/PolygonStamped', 'std_srvs/srv/Trigger', 'rcl_interfaces/srv/SetParameters'
@@ -25,6 +26,7 @@ RELIABLE = [part for topic in ('odom', 'echo')
 RELIABLE += ['-p', 'solver.method:=paper']
 FAST = ['-p', 'solver.period_s:=0.2']
 PERIOD_NS = 500_000_000
+TEXT = str(Path(__file__).with_name('text.yaml'))
 
 
 def test_no_odometry_is_lost_while_it_maps_and_solves(peer, start, riding):
@@ -131,6 +133,50 @@ def test_parameters_change_live_or_are_refused(peer, start, riding):
     assert not refused.successful
     assert "'magic' is not known; allowed: " in refused.reason
     assert values()['method'] == 'rectangle'
+
+
+def test_answer_that_no_longer_closes_is_withdrawn(peer, make_peer, start):
+    """The four walls of a rectangle are more than three edges can close."""
+    start('--ros-args', *RELIABLE[:-2], *FAST)
+    outputs = {'polygon': POLYGON, 'map': 'nav_msgs/msg/OccupancyGrid'}
+    received = {name: peer.listen(f'/polymap_node/{name}', kind) for name, kind in outputs.items()}
+    scene = load_scene('rectangle', None)
+    odometry, echo = peer.publisher('/odom', ODOMETRY), peer.publisher('/echo', SCAN)
+    for ping, pose in zip(pings(scene), scene.poses, strict=True):
+        odometry.publish(odometry_message(make, ping.stamp_ns, 'odom', Pose(*pose)))
+        echo.publish(echo_message(make, ping))
+    values = peer.diagnostics()
+    peer.until_used(values, len(scene.poses))
+    peer.spin_until(lambda: values().get('status') == 'closed' and all(received.values()), 'a polygon and its map')
+    change = Parameter('solver.max_edges', value=3).to_parameter_msg()
+    assert peer.call('/polymap_node/set_parameters', SET, parameters=[change]).results[0].successful
+    peer.spin_until(lambda: list(received['map'][-1].data) == [-1], 'the withdrawn map')
+    assert list(received['polygon'][-1].polygon.points) == []
+    peer.spin_until(lambda: values()['status'] != 'closed', 'the open answer')
+    late = make_peer()
+    latched = {name: late.listen(f'/polymap_node/{name}', kind) for name, kind in outputs.items()}
+    late.spin_until(lambda: all(latched.values()), 'latched outputs', timeout_s=8.0)
+    assert list(latched['polygon'][0].polygon.points) == []
+    assert list(latched['map'][0].data) == [-1]
+
+
+def test_clock_that_goes_back_a_little_keeps_the_map(peer, start, riding):
+    node = start('--ros-args', *RELIABLE, '-p', 'use_sim_time:=true')
+    values, ride = peer.diagnostics(), riding()
+    clock = peer.publisher('/clock', 'rosgraph_msgs/msg/Clock')
+    looks = peer.listen('/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', 10)
+
+    def tick(ns):
+        clock.publish(make('rosgraph_msgs/msg/Clock', clock=time_message(make, ns)))
+        peer.spin_until(lambda: looks and looks[-1].header.stamp == time_message(make, ns), 'the time taken over')
+
+    tick(10**10)
+    ride.publish(0, 5)
+    peer.until_used(values, 5)
+    tick(10**10 - 10**6)
+    tick(10**10 - 2 * 10**9)
+    assert 'went back by 1.999 s' in node.wait_for_line('went back by')
+    peer.until_used(values, 0)
 
 
 def test_pause_counts_pings_and_lets_odometry_go_on(peer, start, riding):
@@ -259,6 +305,7 @@ def test_two_nodes_in_two_namespaces_do_not_disturb_each_other(peer, start, ridi
     (['-p', 'output.load_path:=nowhere.npz'], 'nowhere.npz: cannot be read'),
     (['-p', 'qos_overrides./odom.subscription.reliability:=maybe'], 'qos_overrides./odom.subscription.*: '),
     (['-p', 'qos_overrides./odom.subscription.depth:=few'], 'qos_overrides./odom.subscription.*: '),
+    (['--params-file', TEXT], f'{TEXT}: is not a ROS parameter file'),
     (['-r', 'odom'], "remap rule: '-r odom'"),
 ])
 def test_start_that_cannot_work_is_one_line_and_status_2(start, arguments, says):
