@@ -3,6 +3,7 @@
 import argparse
 import math
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -262,8 +263,9 @@ def _run(
     from polymap_ros.evaluation.rows import PartialRows
 
     results, kept = [], PartialRows(arguments.output)
-    with console.progress('polymap_evaluate', len(jobs), unit) as advance:
-        for result in run_jobs(function, jobs, arguments.jobs):
+    with console.progress('polymap_evaluate', len(jobs), unit) as advance, \
+            closing(run_jobs(function, jobs, arguments.jobs)) as done:
+        for result in done:
             results.append(result)
             kept.add(rows(result))
             advance(1)

@@ -10,10 +10,11 @@ from typing import TypeVar
 T = TypeVar('T')
 
 
-def run_jobs(function: Callable[..., T], jobs: Sequence[tuple[object, ...]], processes: int) -> Iterator[T]:
+def run_jobs(function: Callable[..., T], jobs: Sequence[tuple[object, ...]], processes: int) -> Generator[T, None, None]:
     """Yield ``function(*job)`` for every job as it is done, in any order.
 
-    With one process everything runs in this one. An error in a job ends the run.
+    With one process everything runs in this one. An error in a job ends the run. Close it, lest an interrupt of whoever
+    takes the results leaves the processes at work.
     """
     if processes == 1:
         for job in jobs:
