@@ -10,7 +10,9 @@ from typing import TypeVar
 T = TypeVar('T')
 
 
-def run_jobs(function: Callable[..., T], jobs: Sequence[tuple[object, ...]], processes: int) -> Generator[T, None, None]:
+def run_jobs(
+    function: Callable[..., T], jobs: Sequence[tuple[object, ...]], processes: int
+) -> Generator[T, None, None]:
     """Yield ``function(*job)`` for every job as it is done, in any order.
 
     With one process everything runs in this one. An error in a job ends the run. Close it, lest an interrupt of whoever
