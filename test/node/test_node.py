@@ -85,7 +85,7 @@ def test_bad_pings_are_dropped_under_their_reason_and_counts_add_up(peer, start,
     peer.spin_until(lambda: values()['pings received'] == '11', 'all pings received')
     assert {name: int(values()[f'pings dropped: {name}']) for name in names} == names
     assert (values()['pings used'], values()['pings waiting']) == ('3', '1')
-    assert values()['level'] == '2'
+    assert values()['level'] in ('1', '2')  # a warning as long as others were used in the last five seconds
     assert 'lidar' in node.wait_for_line('wrong_type')
 
 
