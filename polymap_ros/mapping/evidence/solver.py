@@ -25,7 +25,7 @@ EXPLAINED = 0.95
 right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it is 0.91, and most wrong ones less."""
 
 _MARGIN = 0.02
-"""So much more has to be explained before the search ends without another start."""
+"""So much more has to be explained, less one standard deviation, before the search ends without another start."""
 
 TOO_LITTLE = 0.5
 """A polygon that explains less than this, less the same, is no answer."""
@@ -101,7 +101,7 @@ class EvidenceSolver:
 
     def _found(self, search: Search, heard: int) -> Generator[None, None, Found | None]:
         """The last answer refined while it explains the echoes, or until there is more to go by; else a new search."""
-        enough = EXPLAINED + _MARGIN - search.uncertainty
+        enough = EXPLAINED + _MARGIN - search.uncertainty / 3.0
         best = None
         if self._last is not None:
             best = yield from search.again(self._last)
