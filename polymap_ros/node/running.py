@@ -40,7 +40,7 @@ def run(arguments: Sequence[str]) -> None:
         _spin(PolymapNode(arguments))
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # while the node was being made
-    except RCLError:
+    except RuntimeError:  # RCLError, or what pybind11 makes of a call that the shutdown interrupts
         if rclpy.ok():
             raise
     finally:
@@ -56,7 +56,7 @@ def _spin(node: PolymapNode) -> None:
             executor.spin_once(timeout_sec=POLL_S)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
-    except RCLError:
+    except RuntimeError:  # RCLError, or what pybind11 makes of a call that the shutdown interrupts
         if rclpy.ok():
             raise
     finally:
