@@ -77,7 +77,7 @@ def visible_images(
     while True:
         found = np.empty((capacity, 2))
         walls = np.full((capacity, order), -1, dtype=np.int64)
-        count = trace_images(corners, x, y, to_x, to_y, order, 0.0, found, walls)
+        count = trace_images(walls_of(corners, 0.0), x, y, to_x, to_y, order, np.inf, True, found, walls)
         if count <= capacity:
             break
         capacity = 2 * count
@@ -90,85 +90,113 @@ def visible_images(
 
 
 @kernel
+def walls_of(corners: NDArray[np.float64], beyond: float) -> NDArray[np.float64]:
+    """The walls of a convex polygon (n, 2), counter-clockwise, as rows for `trace_images`, shape (n, 9).
+
+    cos(theta) and sin(theta) of the outward normal, r; where the wall starts and ends along itself, counted from the
+    foot of the origin; x and y of its start and of its end, each moved outwards by `beyond` [m].
+    """
+    n = len(corners)
+    walls = np.empty((n, 9))
+    for i in range(n):
+        x, y = corners[i, 0], corners[i, 1]
+        j = i + 1 if i + 1 < n else 0
+        ex, ey = corners[j, 0] - x, corners[j, 1] - y
+        length = np.sqrt(ex * ex + ey * ey)
+        ex, ey = ex / length, ey / length
+        walls[i, 0], walls[i, 1], walls[i, 2] = ey, -ex, x * ey - y * ex
+        walls[i, 3] = x * ex + y * ey
+        walls[i, 4] = walls[i, 3] + length
+        walls[i, 5], walls[i, 6] = x - beyond * ex, y - beyond * ey
+        walls[i, 7], walls[i, 8] = x + (length + beyond) * ex, y + (length + beyond) * ey
+    return walls
+
+
+@kernel
 def trace_images(
-    corners: NDArray[np.float64],
+    walls: NDArray[np.float64],
     x: float,
     y: float,
     to_x: float,
     to_y: float,
     order: int,
-    beyond: float,
+    farthest: float,
+    merge: bool,
     found: NDArray[np.float64],
-    walls: NDArray[np.int64],
+    sequences: NDArray[np.int64],
 ) -> int:
-    """Write images of (x, y) that are visible from (to_x, to_y), and the walls of their paths.
+    """Write images of (x, y) that are visible from (to_x, to_y) and at most `farthest` away, and their walls.
 
-    `found` (capacity, 2) and `walls` (capacity, order) are filled. Returns the number of images, which may exceed the
-    capacity: then only as many as fit are written. Walls are hit up to `beyond` [m] past their ends; where that is
-    more than 0, images that coincide are not merged.
+    `walls` are those of `walls_of`; `found` (capacity, 2) and `sequences` (capacity, order) are filled. Returns the
+    number of images, which may exceed the capacity: then only as many as fit are written. Images that coincide count
+    once if they are to `merge`.
     """
-    n, capacity, count = len(corners), len(found), 0
+    n, capacity, count = len(walls), len(found), 0
     size = 0.0
     for i in range(n):
-        size = max(size, abs(corners[i, 0] - corners[0, 0]) + abs(corners[i, 1] - corners[0, 1]))
+        size = max(size, abs(walls[i, 5] - walls[0, 5]) + abs(walls[i, 6] - walls[0, 6]))
     tie = _TIE * size * size
+    # Of each level: the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy), the wall that made
+    # it, and how many walls on, counter-clockwise, its children have come.
     images, beams = np.empty((order + 1, 2)), np.empty((order + 1, 4))
+    hit, ahead = np.full(order + 1, -1), np.zeros(order + 1, np.int64)
     images[0, 0], images[0, 1] = x, y
-    hit = np.full(order + 1, -1)
     depth = 1
     while depth > 0:
-        hit[depth] += 1
-        if hit[depth] == n:
-            hit[depth] = -1
+        ahead[depth] += 1
+        if ahead[depth] == (n if depth > 1 else n + 1):
             depth -= 1
             continue
-        wall = hit[depth]
-        if depth > 1 and wall == hit[depth - 1]:
-            continue
-        px, py = images[depth - 1]
-        wx, wy = corners[wall]
-        ex, ey = corners[(wall + 1) % n]
-        ex, ey = ex - wx, ey - wy
-        offset = 2.0 * ((px - wx) * ey - (py - wy) * ex) / (ex * ex + ey * ey)
-        if offset >= 0.0:  # its rays cannot hit this wall from inside
-            continue
-        past = beyond / np.sqrt(ex * ex + ey * ey)
-        ax, ay, bx, by = wx - past * ex, wy - past * ey, wx + (1.0 + past) * ex, wy + (1.0 + past) * ey
+        wall = hit[depth - 1] + ahead[depth]
+        if wall >= n:
+            wall -= n
+        px, py = images[depth - 1, 0], images[depth - 1, 1]
+        ax, ay, bx, by = walls[wall, 5] - px, walls[wall, 6] - py, walls[wall, 7] - px, walls[wall, 8] - py
         if depth > 1:
-            # The beam of the parent image: to the left of its ray through (lx, ly), right of that through (ux, uy).
-            lx, ly, ux, uy = beams[depth - 1]
-            lx, ly, ux, uy = lx - px, ly - py, ux - px, uy - py
-            low_a, low_b = lx * (ay - py) - ly * (ax - px), lx * (by - py) - ly * (bx - px)
+            lx, ly, ux, uy = beams[depth - 1, 0], beams[depth - 1, 1], beams[depth - 1, 2], beams[depth - 1, 3]
+            low_a, low_b = lx * ay - ly * ax, lx * by - ly * bx
             if low_b <= tie and low_a <= tie:
+                continue
+            high_a, high_b = ux * ay - uy * ax, ux * by - uy * bx
+            if high_a >= -tie and high_b >= -tie:  # past the beam, and so are all that follow
+                depth -= 1
                 continue
             if low_a < 0.0 < low_b:
                 t = low_a / (low_a - low_b)
-                ax, ay, low_a = ax + t * (bx - ax), ay + t * (by - ay), 0.0
-            high_a, high_b = ux * (ay - py) - uy * (ax - px), ux * (by - py) - uy * (bx - px)
-            if high_a >= -tie and high_b >= -tie:
-                continue
+                ax, ay = ax + t * (bx - ax), ay + t * (by - ay)
+                high_a = ux * ay - uy * ax
             if high_a < 0.0 < high_b:
                 t = high_a / (high_a - high_b)
                 bx, by = ax + t * (bx - ax), ay + t * (by - ay)
+        away = 2.0 * (walls[wall, 2] - px * walls[wall, 0] - py * walls[wall, 1])
+        if away <= 0.0:  # its rays cannot hit this wall from inside
+            continue
         # The image mirrored in the wall's line; its rays enter the room through the lit part (a, b).
-        qx, qy = px - offset * ey, py + offset * ex
-        images[depth, 0], images[depth, 1] = qx, qy
-        # Seen from the mirrored image the wall runs the other way round: its end comes first.
-        beams[depth, 0], beams[depth, 1], beams[depth, 2], beams[depth, 3] = bx, by, ax, ay
-        left = (bx - qx) * (to_y - qy) - (by - qy) * (to_x - qx)
-        right = (ax - qx) * (to_y - qy) - (ay - qy) * (to_x - qx)
-        if left >= -tie and right <= tie:
+        dx, dy = away * walls[wall, 0], away * walls[wall, 1]
+        qx, qy = px + dx, py + dy
+        ax, ay, bx, by = ax - dx, ay - dy, bx - dx, by - dy
+        gx, gy = to_x - qx, to_y - qy
+        if gx * gx + gy * gy > farthest * farthest:  # further reflections only lengthen the way
+            continue
+        if bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie:
             twin = False
-            for m in range(min(count, capacity) if beyond == 0.0 else 0):
+            for m in range(min(count, capacity) if merge else 0):
                 if abs(found[m, 0] - qx) + abs(found[m, 1] - qy) <= 1e-7 * size:
                     twin = True
                     break
             if not twin:
                 if count < capacity:
                     found[count, 0], found[count, 1] = qx, qy
-                    for level in range(walls.shape[1]):
-                        walls[count, level] = hit[level + 1] if level < depth else -1
+                    for level in range(1, depth):
+                        sequences[count, level - 1] = hit[level]
+                    sequences[count, depth - 1] = wall
+                    sequences[count, depth:] = -1
                 count += 1
         if depth < order:
+            hit[depth] = wall
+            images[depth, 0], images[depth, 1] = qx, qy
+            # Seen from the mirrored image the wall runs the other way round: its end comes first.
+            beams[depth, 0], beams[depth, 1], beams[depth, 2], beams[depth, 3] = bx, by, ax, ay
             depth += 1
+            ahead[depth] = 0
     return count

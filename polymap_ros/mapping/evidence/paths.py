@@ -87,44 +87,36 @@ def room_for_paths(order: int) -> Paths:
 
 
 @kernel
-def planes_of(lines: NDArray[np.float64]) -> NDArray[np.float64]:
-    """r, cos(theta) and sin(theta) of each line, shape (n, 3)."""
-    planes = np.empty((len(lines), 3))
-    for i in range(len(lines)):
-        planes[i, 0], planes[i, 1], planes[i, 2] = lines[i, 0], np.cos(lines[i, 1]), np.sin(lines[i, 1])
-    return planes
-
-
-@kernel
 def trace_paths(
-    planes: NDArray[np.float64], corners: NDArray[np.float64], ends: NDArray[np.float64], order: int,
-    range_max: float, soft: float, paths: Paths,
+    walls: NDArray[np.float64], ends: NDArray[np.float64], order: int, range_max: float, soft: float, derive: bool,
+    paths: Paths,
 ) -> int:
     """Fill `paths` with those audible from emitter to receiver with `half` up to `range_max`.
 
-    `ends` (5,) are x and y of emitter and receiver, and the height between them; the walls are given by `planes_of`
-    their lines and by their corners. Returns the number of paths.
+    `walls` are those of `walls_of` with their ends moved by `soft`; `ends` (5,) are x and y of emitter and receiver,
+    and the height between them; `slopes` are left out unless to `derive`. Returns the number of paths.
     """
-    count = min(trace_images(corners, ends[0], ends[1], ends[2], ends[3], order, soft, paths.images, paths.walls),
-                len(paths.images))
+    up = 0.25 * ends[4] * ends[4]
+    farthest = 2.0 * np.sqrt(max(range_max * range_max - up, 0.0))
+    count = min(trace_images(walls, ends[0], ends[1], ends[2], ends[3], order, farthest, False, paths.images,
+                             paths.walls), len(paths.images))
     chain = np.empty((order + 1, 2))
     kept = 0
     for m in range(count):
         x, y = paths.images[m, 0] - ends[2], paths.images[m, 1] - ends[3]
         flat = 0.5 * np.sqrt(x * x + y * y)
-        d = np.sqrt(flat * flat + 0.25 * ends[4] * ends[4])
-        if d > range_max:
-            continue
+        d = np.sqrt(flat * flat + up)
         hits = 0
-        for level in range(order):
-            paths.walls[kept, level] = paths.walls[m, level]
-            if paths.walls[m, level] >= 0:
-                hits += 1
-        weight = _back_traced(planes, corners, ends, hits, soft, paths.walls[kept], chain, paths.slopes[kept])
-        for level in range(hits):
-            for axis in range(2):
-                paths.slopes[kept, level, axis] *= flat / d
+        while hits < order and paths.walls[m, hits] >= 0:
+            paths.walls[kept, hits] = paths.walls[m, hits]
+            hits += 1
+        for level in range(hits, order):
+            paths.walls[kept, level] = -1
+        weight = _back_traced(walls, ends, hits, soft, derive, kept, chain, paths)
         if weight > 0.0:
+            for level in range(hits if derive and up > 0.0 else 0):
+                paths.slopes[kept, level, 0] *= flat / d
+                paths.slopes[kept, level, 1] *= flat / d
             paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
             kept += 1
     return kept
@@ -132,37 +124,37 @@ def trace_paths(
 
 @kernel
 def _back_traced(
-    planes: NDArray[np.float64], corners: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float,
-    walls: NDArray[np.int64], chain: NDArray[np.float64], slopes: NDArray[np.float64],
+    walls: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float, derive: bool, path: int,
+    chain: NDArray[np.float64], paths: Paths,
 ) -> float:
-    """A path's weight, and the derivatives of half its length by r and theta of each wall it hits.
+    """A path's weight; fills, if to `derive`, the derivatives of half its length by r and theta of each wall it hits.
 
     A path is shortest over its points of reflection b, so only the wall's own motion along its normal n counts:
     half the length grows by cos(incidence) per unit of it, and b moves by dr - dtheta (b . t), t along the wall.
     """
-    chain[0] = ends[:2]
+    chain[0, 0], chain[0, 1] = ends[0], ends[1]
     for level in range(hits):
-        r, c, s = planes[walls[level]]
-        step = 2.0 * (r - (chain[level, 0] * c + chain[level, 1] * s))
+        wall = paths.walls[path, level]
+        c, s = walls[wall, 0], walls[wall, 1]
+        step = 2.0 * (walls[wall, 2] - (chain[level, 0] * c + chain[level, 1] * s))
         chain[level + 1, 0], chain[level + 1, 1] = chain[level, 0] + step * c, chain[level, 1] + step * s
     bx, by = ends[2], ends[3]
     inside = np.inf
     for level in range(hits, 0, -1):
-        wall = walls[level - 1]
-        r, c, s = planes[wall]
+        wall = paths.walls[path, level - 1]
+        c, s = walls[wall, 0], walls[wall, 1]
         dx, dy = chain[level, 0] - bx, chain[level, 1] - by
         towards = dx * c + dy * s
         if towards <= 0.0:  # past the end of another wall
             return 0.0
-        step = (r - (bx * c + by * s)) / towards
+        step = (walls[wall, 2] - (bx * c + by * s)) / towards
         bx, by = bx + step * dx, by + step * dy
-        cosine = towards / np.sqrt(dx * dx + dy * dy)
         along = by * c - bx * s
-        slopes[level - 1, 0] = cosine
-        slopes[level - 1, 1] = -cosine * along
-        end = (wall + 1) % len(corners)
-        inside = min(inside, along - (corners[wall, 1] * c - corners[wall, 0] * s),
-                     corners[end, 1] * c - corners[end, 0] * s - along)
+        if derive:
+            cosine = towards / np.sqrt(dx * dx + dy * dy)
+            paths.slopes[path, level - 1, 0] = cosine
+            paths.slopes[path, level - 1, 1] = -cosine * along
+        inside = min(inside, along - walls[wall, 3], walls[wall, 4] - along)
     if inside >= soft:
         return 1.0
     if inside <= -soft:

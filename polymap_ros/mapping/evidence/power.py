@@ -21,9 +21,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.image_sources import walls_of
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import corners_of, planes_of, room_for_paths, trace_paths
+from polymap_ros.mapping.evidence.paths import corners_of, room_for_paths, trace_paths
 
 _BACKGROUND_WIDTHS = 11.0
 """The background is a mean over all pings and this many pulse widths: far wider than an echo, narrower than the decay
@@ -194,14 +195,14 @@ def _power_likelihood(
     information: NDArray[np.float64],
 ) -> float:
     n_pings, n_cells = power.shape
-    paths, planes = room_for_paths(order), planes_of(lines)
+    paths, sides = room_for_paths(order), walls_of(corners, soft)
     half, hits, walls = paths.half, paths.hits, paths.walls
     a = np.empty(len(half))
     index, factor = np.empty(3 * order, np.int64), np.empty(3 * order)
     reach = (len(shape) - 1) * shape_step
     total = 0.0
     for i in range(n_pings):
-        count = trace_paths(planes, corners, ends[i], order, range_max, soft, paths)
+        count = trace_paths(sides, ends[i], order, range_max, soft, derive, paths)
         row = explained[i]
         row[:] = 0.0
         for m in range(count):

@@ -115,13 +115,13 @@ class PowerSearch:
         if residual:
             _, corners = corners_of(model.lines)
             pool = np.vstack((strongest_chords(self.data, expected, model.strength, corners, CHORDS), pool))
-        trials = [self._with_line(model, line) for line in self._promising(model, expected, pool, CHORDS)]
+        trials = [self._with_line(model, line) for line in self._promising(model, expected, pool, CHORDS, model.lines)]
         for wall in range(len(model.lines)):
             fewer = model.without(wall)
             if np.isfinite(self.power(fewer, order)):
                 trials.append(fewer)
                 trials += [self._with_line(fewer, line)
-                           for line in self._promising(fewer, self.power.expected(fewer), pool, 2)]
+                           for line in self._promising(fewer, self.power.expected(fewer), pool, 2, model.lines)]
             else:  # nothing closes without it: exchange it for lines that face the same way
                 turn = np.abs(np.angle(np.exp(1j * (pool[:, 1] - model.lines[wall, 1]))))
                 trials += [self._with_line(fewer, line) for line in pool[turn < 1.0][:12]]
@@ -130,14 +130,33 @@ class PowerSearch:
         return sorted((entry for entry in scored if np.isfinite(entry[1])), key=lambda entry: -entry[1])
 
     def _promising(
-        self, model: Model, expected: NDArray[np.float64], pool: NDArray[np.float64], most: int
+        self, model: Model, expected: NDArray[np.float64], pool: NDArray[np.float64], most: int,
+        other_than: NDArray[np.float64],
     ) -> NDArray[np.float64]:
-        """Lines of the pool with the most unexplained first-order evidence where they cut the polygon."""
+        """Lines of the pool with the most unexplained first-order evidence where they cut the polygon.
+
+        Those that are no other wall than a better one, or than `other_than`, are left out: refined, they would be it.
+        """
         _, corners = corners_of(model.lines)
         evidence = foot_evidence(self.data, expected, model.strength)
         gains = chord_evidence(pool, corners, self.data.positions, evidence, self.data.cell_m)
-        best = np.argsort(-gains, kind='stable')[:most]
-        return pool[best[gains[best] > _LEAST_CHORD]]
+        chosen = list(other_than)
+        for index in np.argsort(-gains, kind='stable'):
+            if len(chosen) == most + len(other_than) or gains[index] <= _LEAST_CHORD:
+                break
+            if not self._one_of(pool[index], chosen):
+                chosen.append(pool[index])
+        return np.array(chosen[len(other_than):]).reshape(-1, 2)
+
+    def _one_of(self, line: NDArray[np.float64], known: list[NDArray[np.float64]]) -> bool:
+        """Whether no ping's distance from a line is a pulse's width other than from one that is known."""
+        return any(np.abs(self._distances(line) - self._distances(wall)).max() < self.data.pulse.width_m
+                   for wall in known)
+
+    def _distances(self, line: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distance of a line from every ping [m]."""
+        away: NDArray[np.float64] = line[0] - self.data.positions @ np.array([np.cos(line[1]), np.sin(line[1])])
+        return away
 
     def _with_line(self, model: Model, line: NDArray[np.float64]) -> Model | None:
         lines = active(np.vstack((model.lines, line)), self.data.shortest_m)

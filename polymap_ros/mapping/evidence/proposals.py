@@ -126,6 +126,7 @@ def _run_scores(
     n, cells = evidence.shape
     run = np.empty(cells, np.float32)
     offset = np.empty(n)
+    nothing = np.float32(0.0)
     for t in range(len(theta)):
         c, s = np.cos(theta[t]), np.sin(theta[t])
         furthest = 0.0
@@ -137,13 +138,13 @@ def _run_scores(
         for q in range(n):
             i = order[t, q]
             shift = int(np.floor(-offset[i] / cell + 0.5))
-            for j in range(low, min(cells, cells - shift)):
-                value = run[j] + evidence[i, j + shift]
-                if value < 0.0:
-                    value = np.float32(0.0)
-                run[j] = value
-                if value > scores[t, j]:
-                    scores[t, j] = value
+            high = min(cells, cells - shift)
+            if high <= low:
+                continue
+            so_far, best, heard = run[low:high], scores[t, low:high], evidence[i, low + shift:high + shift]
+            for j in range(high - low):
+                so_far[j] = max(so_far[j] + heard[j], nothing)
+                best[j] = max(best[j], so_far[j])
 
 
 def annealed_subset(

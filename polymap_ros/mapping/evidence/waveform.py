@@ -23,9 +23,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.image_sources import walls_of
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import Paths, corners_of, planes_of, room_for_paths, trace_paths
+from polymap_ros.mapping.evidence.paths import Paths, corners_of, room_for_paths, trace_paths
 
 _LOSS_DEVIATION = 0.35
 """Prior standard deviation of ln |rho| about 0, as in `power`."""
@@ -109,7 +110,7 @@ class WaveformLikelihood:
         closed, corners = corners_of(lines, self.data.shortest_m)
         if not closed:
             return None
-        sums = self._sums(lines, corners, order, reflection, derive)
+        sums = self._sums(corners, order, reflection, derive)
         v = np.maximum(sums.v, 1e-300)
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
@@ -120,11 +121,14 @@ class WaveformLikelihood:
         value = float(np.sum(0.5 * amplitudes**2 * v)) - 0.5 * float(np.sum(loss**2)) / _LOSS_DEVIATION**2
         if not derive:
             return Wave(lines, reflection, phase, amplitudes, value, np.empty((0, 0)), np.empty((0, 0)))
+        n, by_wall = len(lines), np.arange(3 * len(lines)).reshape(3, -1).T.ravel()
         turned = (amplitudes * np.exp(-1j * phase))[:, None] * sums.x
-        scores = turned.real - amplitudes[:, None] ** 2 * sums.p
+        scores = (turned.real - amplitudes[:, None] ** 2 * sums.p)[:, by_wall]
+        information = np.tensordot(amplitudes**2, sums.information, 1)
+        information[2 * n:, :2 * n] = information[:2 * n, 2 * n:].T
         own = (amplitudes / np.sqrt(v))[:, None] * sums.p
-        information = np.tensordot(amplitudes**2, sums.information, 1) - own.T @ own
-        information = _with_phase(_with_prior(information, reflection), turned.imag.sum(axis=0) * (
+        information = (information - own.T @ own)[np.ix_(by_wall, by_wall)]
+        information = _with_phase(_with_prior(information, reflection), turned.imag.sum(axis=0)[by_wall] * (
             np.repeat(reflection, 3) != 0.0), float(np.sum(amplitudes**2 * v)))
         return Wave(lines, reflection, phase, amplitudes, value, scores, information)
 
@@ -133,7 +137,7 @@ class WaveformLikelihood:
         closed, corners = corners_of(wave.lines, self.data.shortest_m)
         if not closed:
             return np.zeros(len(self.data.positions))
-        sums = self._sums(wave.lines, corners, order, wave.reflection, False)
+        sums = self._sums(corners, order, wave.reflection, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
         return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
 
@@ -169,14 +173,13 @@ class WaveformLikelihood:
         return self.evaluate(np.ascontiguousarray(lines[by_angle]), reflection[by_angle], wave.phase, order)
 
     def _sums(
-        self, lines: NDArray[np.float64], corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64],
-        derive: bool,
+        self, corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64], derive: bool
     ) -> '_Sums':
         data, pulse = self.data, self.data.pulse
-        pings, size = len(data.positions), 3 * len(lines) if derive else 0
+        pings, size = len(data.positions), 3 * len(corners) if derive else 0
         sums = _Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
                      np.zeros((pings, size)), np.zeros((pings, size, size)))
-        _add_up(lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.signal, pulse.step_m,
+        _add_up(corners, data.ends, order, data.range_max_m, data.soft_m, data.signal, pulse.step_m,
                 pulse.carrier, pulse.baseband, pulse.curvature, data.spreading, reflection, derive, sums)
         return sums
 
@@ -188,7 +191,7 @@ class WaveformLikelihood:
         cells = np.arange(data.power.shape[1])
         heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
         predicted = np.zeros_like(heard, dtype=complex)
-        _predict(wave.lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, pulse.step_m,
+        _predict(corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, pulse.step_m,
                  pulse.carrier, pulse.baseband, data.spreading, wave.reflection,
                  wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
@@ -235,7 +238,10 @@ def _with_phase(information: NDArray[np.float64], cross: NDArray[np.float64], ph
 
 
 class _Sums(NamedTuple):
-    """u (N,), v (N,), x (N, 3 n), p (N, 3 n) and the Fisher information (N, 3 n, 3 n) at amplitude 1, of the module."""
+    """u (N,), v (N,), x (N, 3 n), p (N, 3 n) and the Fisher information (N, 3 n, 3 n) at amplitude 1, of the module.
+
+    By r of all walls, then theta, then ln |rho|; the information's rows of ln |rho| have columns of ln |rho| only.
+    """
 
     u: NDArray[np.complex128]
     v: NDArray[np.float64]
@@ -265,8 +271,13 @@ def _amplitude(paths: Paths, m: int, spreading: float, reflection: NDArray[np.fl
 
 
 @kernel
+def _turn(angle: float) -> complex:
+    """exp(j angle)."""
+    return complex(np.cos(angle), np.sin(angle))
+
+
+@kernel
 def _add_up(
-    lines: NDArray[np.float64],
     corners: NDArray[np.float64],
     ends: NDArray[np.float64],
     order: int,
@@ -282,116 +293,125 @@ def _add_up(
     derive: bool,
     sums: _Sums,
 ) -> None:
-    """Fill the sums of every ping."""
-    paths, planes = room_for_paths(order), planes_of(lines)
-    capacity, size = len(paths.half), sums.x.shape[1]
-    b, slopes, spread = np.empty(capacity), np.empty((capacity, size)), np.empty((capacity, 4 * size // 3))
+    """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|."""
+    paths, sides = room_for_paths(order), walls_of(corners, soft)
+    capacity, n = len(paths.half), len(corners)
+    half = paths.half
+    b, turn = np.empty(capacity), np.empty(capacity, np.complex128)
+    # Of each path: its slopes; the sums over the paths near it of the slope of psi and of psi; and what stands beside
+    # its slopes in the information, where losses have to do with losses by psi itself, in a place of their own.
+    slopes, near, spread = np.empty((capacity, 3 * n)), np.empty((capacity, 2)), np.empty((capacity, 4 * n))
     reach = (len(baseband) - 5) * step
     for i in range(len(ends)):
-        count = trace_paths(planes, corners, ends[i], order, range_max, soft, paths)
+        count = trace_paths(sides, ends[i], order, range_max, soft, derive, paths)
         for m in range(count):
-            b[m] = _amplitude(paths, m, spreading, reflection) if paths.half[m] >= 2.0 * step else 0.0
-        nearest = np.argsort(paths.half[:count])
+            b[m] = _amplitude(paths, m, spreading, reflection) if half[m] >= 2.0 * step else 0.0
+            turn[m] = b[m] * _turn(2.0 * carrier * half[m])
+        nearest = np.argsort(half[:count])
         if derive:
-            _gather_slopes(paths, count, slopes)
+            _gather_slopes(paths, count, n, slopes)
+            near[:count] = 0.0
             spread[:count] = 0.0
+        u, v = 0.0j, 0.0
         for q in range(count):
             m = nearest[q]
-            d = paths.half[m]
             if b[m] == 0.0:
                 continue
-            value, rate = _cubic(signal[i], d / step)
-            turn = b[m] * np.exp(2j * carrier * d)
-            sums.u[i] += value * turn
-            sums.v[i] += b[m] * b[m]
+            value, rate = _cubic(signal[i], half[m] / step)
+            u += value * turn[m]
+            v += b[m] * b[m]
             if derive:
-                _add_heard(sums, i, slopes[m], (rate / step + 2j * carrier * value) * turn, value * turn)
-                _add_pair(sums, i, slopes[m], slopes[m], spread[m], -curvature[2].real * b[m] ** 2, 0.0, b[m] ** 2)
+                _add_heard(sums.x[i], paths, m, n, (rate / step + 2j * carrier * value) * turn[m], value * turn[m])
+                near[m, 1] += b[m] * b[m]
+                _add_pair(spread[m], slopes[m], -curvature[2].real * b[m] * b[m], 0.0, b[m] * b[m])
             for p in range(q - 1, -1, -1):
                 other = nearest[p]
-                lag = d - paths.half[other]
+                lag = half[m] - half[other]
                 if lag > reach:
                     break
                 psi, psi_rate = _cubic(baseband, lag / step + 2.0)
-                wave = b[m] * b[other] * np.exp(2j * carrier * lag)
+                wave = turn[m] * turn[other].conjugate()
                 both = (psi * wave).real
-                sums.v[i] += 2.0 * both
+                v += 2.0 * both
                 if derive:
                     slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
                     bend = -(_cubic(curvature, lag / step + 2.0)[0] * wave).real
-                    _add_pair(sums, i, slopes[m], slopes[other], spread[m], bend, slope, both)
-                    _add_pair(sums, i, slopes[other], slopes[m], spread[other], bend, -slope, both)
-        if derive:
-            for m in range(count):
-                _add_information(sums.information[i], slopes[m], spread[m])
+                    near[m, 0] += slope
+                    near[m, 1] += both
+                    near[other, 0] -= slope
+                    near[other, 1] += both
+                    _add_pair(spread[m], slopes[other], bend, slope, both)
+                    _add_pair(spread[other], slopes[m], bend, -slope, both)
+        sums.u[i], sums.v[i] = u, v
+        for m in range(count if derive else 0):
+            _add_information(sums.p[i], sums.information[i], paths, m, slopes[m], near[m], spread[m])
 
 
 @kernel
-def _gather_slopes(paths: Paths, count: int, slopes: NDArray[np.float64]) -> None:
+def _gather_slopes(paths: Paths, count: int, n: int, slopes: NDArray[np.float64]) -> None:
     """Derivatives of each path's half length by r and theta, and of ln |b| by ln |rho|, of every wall."""
     for m in range(count):
         slopes[m] = 0.0
         for level in range(paths.hits[m]):
-            w = 3 * paths.walls[m, level]
-            slopes[m, w] += paths.slopes[m, level, 0]
-            slopes[m, w + 1] += paths.slopes[m, level, 1]
-            slopes[m, w + 2] += 1.0
+            wall = paths.walls[m, level]
+            slopes[m, wall] += paths.slopes[m, level, 0]
+            slopes[m, n + wall] += paths.slopes[m, level, 1]
+            slopes[m, 2 * n + wall] += 1.0
 
 
 @kernel
-def _add_heard(sums: _Sums, i: int, slopes: NDArray[np.float64], by_range: complex, by_loss: complex) -> None:
+def _add_heard(
+    x: NDArray[np.complex128], paths: Paths, m: int, n: int, by_range: complex, by_loss: complex
+) -> None:
     """A path's share of x."""
-    for w in range(0, len(slopes), 3):
-        sums.x[i, w] += by_range * slopes[w]
-        sums.x[i, w + 1] += by_range * slopes[w + 1]
-        sums.x[i, w + 2] += by_loss * slopes[w + 2]
+    for level in range(paths.hits[m]):
+        wall = paths.walls[m, level]
+        x[wall] += by_range * paths.slopes[m, level, 0]
+        x[n + wall] += by_range * paths.slopes[m, level, 1]
+        x[2 * n + wall] += by_loss
 
 
 @kernel
 def _add_pair(
-    sums: _Sums, i: int, slopes: NDArray[np.float64], other: NDArray[np.float64], spread: NDArray[np.float64],
-    bend: float, slope: float, both: float,
+    spread: NDArray[np.float64], other: NDArray[np.float64], bend: float, slope: float, both: float
 ) -> None:
-    """An ordered pair of paths' share of p, and the other one's in the row `spread` of the first.
+    """An ordered pair of paths' share in the row `spread` of the first.
 
-    The information is the sum over paths of `slopes` times that row: of ranges with ranges by the bend of psi, of
-    ranges with losses by its slope, and of losses with losses by psi itself, which has its own place at the row's end.
+    The information is the sum over paths of their slopes times that row: of ranges with ranges by the bend of psi, of
+    ranges with losses by its slope, and of losses with losses by psi itself.
     """
-    n = len(slopes) // 3
-    for k in range(n):
-        w = 3 * k
-        sums.p[i, w] += slope * slopes[w]
-        sums.p[i, w + 1] += slope * slopes[w + 1]
-        sums.p[i, w + 2] += both * slopes[w + 2]
+    n = len(other) // 3
+    for w in range(2 * n):
         spread[w] += bend * other[w]
-        spread[w + 1] += bend * other[w + 1]
-        spread[w + 2] += slope * other[w + 2]
-        spread[3 * n + k] += both * other[w + 2]
+    for w in range(2 * n, 3 * n):
+        spread[w] += slope * other[w]
+        spread[n + w] += both * other[w]
 
 
 @kernel
 def _add_information(
-    information: NDArray[np.float64], slopes: NDArray[np.float64], spread: NDArray[np.float64]
+    p: NDArray[np.float64], information: NDArray[np.float64], paths: Paths, m: int, slopes: NDArray[np.float64],
+    near: NDArray[np.float64], spread: NDArray[np.float64],
 ) -> None:
-    """A path's share of the information, once its row `spread` is whole."""
+    """A path's share of p and of the information, but for losses with ranges, once its row `spread` is whole."""
     n = len(slopes) // 3
-    for k in range(n):
-        if slopes[3 * k + 2] == 0.0:  # a wall that is not hit
-            continue
-        for w in (3 * k, 3 * k + 1):
-            for x in range(n):
-                information[w, 3 * x] += slopes[w] * spread[3 * x]
-                information[w, 3 * x + 1] += slopes[w] * spread[3 * x + 1]
-                crossed = slopes[w] * spread[3 * x + 2]
-                information[w, 3 * x + 2] += crossed
-                information[3 * x + 2, w] += crossed
-        for x in range(n):
-            information[3 * k + 2, 3 * x + 2] += slopes[3 * k + 2] * spread[3 * n + x]
+    for w in range(2 * n):
+        p[w] += near[0] * slopes[w]
+    for w in range(2 * n, 3 * n):
+        p[w] += near[1] * slopes[w]
+    for level in range(paths.hits[m]):
+        wall = paths.walls[m, level]
+        for axis in range(2):
+            by, row = paths.slopes[m, level, axis], information[axis * n + wall]
+            for x in range(3 * n):
+                row[x] += by * spread[x]
+        row = information[2 * n + wall]
+        for x in range(2 * n, 3 * n):
+            row[x] += spread[n + x]
 
 
 @kernel
 def _predict(
-    lines: NDArray[np.float64],
     corners: NDArray[np.float64],
     ends: NDArray[np.float64],
     order: int,
@@ -406,16 +426,16 @@ def _predict(
     amplitudes: NDArray[np.complex128],
     out: NDArray[np.complex128],
 ) -> None:
-    paths, planes = room_for_paths(order), planes_of(lines)
+    paths, sides = room_for_paths(order), walls_of(corners, soft)
     half = paths.half
     reach = (len(baseband) - 5) * step
     for i in range(len(ends)):
-        count = trace_paths(planes, corners, ends[i], order, range_max, soft, paths)
+        count = trace_paths(sides, ends[i], order, range_max, soft, False, paths)
         for m in range(count):
             b = amplitudes[i] * _amplitude(paths, m, spreading, reflection)
             low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
             for j in range(max(low, 0), min(high, out.shape[1] - 1) + 1):
                 lag = j * cell - half[m]
                 psi, _ = _cubic(baseband, abs(lag) / step + 2.0)
-                wave = psi * np.exp(2j * carrier * abs(lag))
+                wave = psi * _turn(2.0 * carrier * abs(lag))
                 out[i, j] += b * (wave if lag >= 0.0 else np.conj(wave))

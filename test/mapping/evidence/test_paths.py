@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from polymap_ros.acoustics.image_sources import visible_images
-from polymap_ros.mapping.evidence.paths import CAPACITY, Paths, corners_of, planes_of, room_for_paths, trace_paths
+from polymap_ros.acoustics.image_sources import visible_images, walls_of
+from polymap_ros.mapping.evidence.paths import CAPACITY, Paths, corners_of, room_for_paths, trace_paths
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.simulation.random_scenes import random_scene
 
@@ -22,7 +22,7 @@ def traced(vertices, ends, order, range_max, soft):
     """The audible paths from emitter to receiver, as `trace_paths` gives them; both are on one height unless given."""
     paths = room_for_paths(order)
     ends = np.append(ends, np.zeros(5 - len(ends)))
-    count = trace_paths(planes_of(polygon_lines(vertices)), vertices, ends, order, range_max, soft, paths)
+    count = trace_paths(walls_of(vertices, soft), ends, order, range_max, soft, True, paths)
     assert count < CAPACITY
     return Paths(*(column[:count] for column in paths))
 
