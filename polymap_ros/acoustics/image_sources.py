@@ -136,8 +136,8 @@ def trace_images(
     for i in range(n):
         size = max(size, abs(walls[i, 5] - walls[0, 5]) + abs(walls[i, 6] - walls[0, 6]))
     tie = _TIE * size * size
-    # Of each level: the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy), the wall that made
-    # it, and how many walls on, counter-clockwise, its children have come.
+    # Of each level: the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy), the wall that
+    # made it, and how many walls on, counter-clockwise, its children have come.
     images, beams = np.empty((order + 1, 2)), np.empty((order + 1, 4))
     hit, ahead = np.full(order + 1, -1), np.zeros(order + 1, np.int64)
     images[0, 0], images[0, 1] = x, y

@@ -73,6 +73,11 @@ class EchoData:
         half = 0.5 * self.baselines[:, :2]
         return np.hstack((self.positions - half, self.positions + half, self.baselines[:, 2:]))
 
+    @cached_property
+    def mean_power(self) -> NDArray[np.float64]:
+        """Mean of `power` over the pings, shape (n_cells,)."""
+        return np.asarray(self.power.mean(axis=0))
+
     @property
     def shortest_m(self) -> float:
         """A cycle of range, half a wavelength [m]: a shorter edge reflects as a point does, not as a wall.

@@ -87,6 +87,16 @@ def room_for_paths(order: int) -> Paths:
 
 
 @kernel
+def falloff(half: float, exponent: float) -> float:
+    """half**-exponent; what a plate and a volume take is had without a general power, which costs as much as a path."""
+    if exponent == 0.5:
+        return 1.0 / float(np.sqrt(half))
+    if exponent == 1.0:
+        return 1.0 / half
+    return float(half**-exponent)
+
+
+@kernel
 def trace_paths(
     walls: NDArray[np.float64], ends: NDArray[np.float64], order: int, range_max: float, soft: float, derive: bool,
     paths: Paths,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from polymap_ros.acoustics.image_sources import walls_of
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import corners_of, room_for_paths, trace_paths
+from polymap_ros.mapping.evidence.paths import corners_of, falloff, room_for_paths, trace_paths
 
 _BACKGROUND_WIDTHS = 11.0
 """The background is a mean over all pings and this many pulse widths: far wider than an echo, narrower than the decay
@@ -70,7 +70,7 @@ class PowerLikelihood:
 
     def initial(self, strength: float) -> Model:
         """A model without walls, whose background holds all the mean power."""
-        return Model(np.empty((0, 2)), np.empty(0), strength, self._smooth(np.mean(self.data.power - 1.0, axis=0)))
+        return Model(np.empty((0, 2)), np.empty(0), strength, self._smooth(self.data.mean_power - 1.0))
 
     def __call__(self, model: Model, order: int) -> float:
         """F of a model; -inf where its walls bound no polygon."""
@@ -101,8 +101,8 @@ class PowerLikelihood:
                     self.data.power, self.explained, model.background, model.strength, self.data.first_cell)
                 model.strength = max(model.strength + gradient / max(information, 1e-300), 0.3 * model.strength)
             model.background = self._smooth(
-                np.mean(self.data.power, axis=0) - 1.0 - model.strength * np.mean(self.explained, axis=0))
-        return float(self.data.weight * _cells_likelihood(
+                self.data.mean_power - 1.0 - model.strength * np.mean(self.explained, axis=0))
+        return self._quiet(model) + float(self.data.weight * _cells_likelihood(
             self.data.power, self.explained, model.background, model.strength, self.data.first_cell))
 
     def refine(self, model: Model, order: int, iterations: int = 5) -> tuple[Model, float]:
@@ -156,10 +156,16 @@ class PowerLikelihood:
     def _evaluate(self, model: Model, corners: NDArray[np.float64], order: int, derive: bool,
                   scores: NDArray[np.float64], information: NDArray[np.float64]) -> float:
         data = self.data
-        return float(_power_likelihood(
-            model.lines, corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, data.pulse.power,
+        return self._quiet(model) + float(_power_likelihood(
+            corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, data.pulse.power,
             data.pulse.step_m, 2.0 * data.spreading, np.exp(model.loss), data.power, data.gain, model.strength,
             model.background, data.first_cell, data.weight, derive, self.explained, scores, information))
+
+    def _quiet(self, model: Model) -> float:
+        """F of a model without walls: what cells add in which no echo is predicted."""
+        heard = 1.0 + model.background[self.data.first_cell:]
+        mean = self.data.mean_power[self.data.first_cell:]
+        return float(self.data.weight * len(self.data.power) * np.sum(mean * (1.0 - 1.0 / heard) - np.log(heard)))
 
     def _smooth(self, mean: NDArray[np.float64]) -> NDArray[np.float64]:
         half = max(1, round(_BACKGROUND_WIDTHS * self.data.pulse.width_m / self.data.cell_m / 2.0))
@@ -172,7 +178,6 @@ class PowerLikelihood:
 
 @kernel
 def _power_likelihood(
-    lines: NDArray[np.float64],
     corners: NDArray[np.float64],
     ends: NDArray[np.float64],
     order: int,
@@ -194,6 +199,7 @@ def _power_likelihood(
     scores: NDArray[np.float64],
     information: NDArray[np.float64],
 ) -> float:
+    """F of the cells in which echoes are predicted, less what it is there without them."""
     n_pings, n_cells = power.shape
     paths, sides = room_for_paths(order), walls_of(corners, soft)
     half, hits, walls = paths.half, paths.hits, paths.walls
@@ -206,7 +212,7 @@ def _power_likelihood(
         row = explained[i]
         row[:] = 0.0
         for m in range(count):
-            a[m] = gain[i] * half[m] ** -decay * paths.weight[m] ** 2
+            a[m] = gain[i] * falloff(half[m], decay) * paths.weight[m] ** 2
             for level in range(hits[m]):
                 a[m] *= reflected[walls[m, level]]
         for m in range(count):  # a path and its reverse add in phase
@@ -223,15 +229,7 @@ def _power_likelihood(
                 k = int(x)
                 if k < len(shape) - 1:
                     row[j] += a[m] * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
-        product = 1.0  # a logarithm of many factors at once
-        for j in range(first, n_cells):
-            t = 1.0 + background[j] + strength * row[j]
-            total += weight * power[i, j] * (1.0 - 1.0 / t)
-            product *= t
-            if product > 1e200:
-                total -= weight * np.log(product)
-                product = 1.0
-        total -= weight * np.log(product)
+        total += weight * _echoes_likelihood(power[i], row, background, strength, first)
         if not derive:
             continue
         for m in range(count):
@@ -267,6 +265,25 @@ def _power_likelihood(
 
 
 @kernel
+def _echoes_likelihood(
+    power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
+    first: int,
+) -> float:
+    """F over the weight of a ping's cells in which echoes are predicted, less what it is there without them."""
+    total, product = 0.0, 1.0  # a logarithm of many factors at once
+    for j in range(first, len(power)):
+        if explained[j] > 0.0:
+            quiet = 1.0 / (1.0 + background[j])
+            t = 1.0 + strength * explained[j] * quiet
+            total += power[j] * quiet * (1.0 - 1.0 / t)
+            product *= t
+            if product > 1e200:
+                total -= np.log(product)
+                product = 1.0
+    return total - float(np.log(product))
+
+
+@kernel
 def _strength_slope(
     power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
     first: int,
@@ -276,9 +293,9 @@ def _strength_slope(
     for i in range(len(power)):
         for j in range(first, power.shape[1]):
             if explained[i, j] > 0.0:
-                t = 1.0 + background[j] + strength * explained[i, j]
-                share = explained[i, j] / t
-                gradient += share * (power[i, j] / t - 1.0)
+                inverse = 1.0 / (1.0 + background[j] + strength * explained[i, j])
+                share = explained[i, j] * inverse
+                gradient += share * (power[i, j] * inverse - 1.0)
                 information += share * share
     return gradient, information
 
@@ -288,16 +305,8 @@ def _cells_likelihood(
     power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
     first: int,
 ) -> float:
-    """F over the weight, from power that was predicted before."""
+    """The same of all pings, from power that was predicted before."""
     total = 0.0
     for i in range(len(power)):
-        product = 1.0
-        for j in range(first, power.shape[1]):
-            t = 1.0 + background[j] + strength * explained[i, j]
-            total += power[i, j] * (1.0 - 1.0 / t)
-            product *= t
-            if product > 1e200:
-                total -= np.log(product)
-                product = 1.0
-        total -= np.log(product)
+        total += _echoes_likelihood(power[i], explained[i], background, strength, first)
     return total

@@ -1,7 +1,7 @@
 """The whole search: the polygon that power finds, put right by the waveform's likelihood."""
 
 import dataclasses
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -96,11 +96,16 @@ class Search(PowerSearch):
     def settle(self, model: Model) -> Generator[None, None, Found | None]:
         """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it.
 
-        Where the waveform is worth far less than power alone is, the echoes do not agree in phase (positions that are
-        off by a quarter of a wavelength do that): then power has the last word.
+        Where the waveform is worth far less than power alone is, even after walls that lie half a cycle off were
+        put right, the echoes do not agree in phase (positions that are off by a quarter of a wavelength do that): then
+        power has the last word.
         """
         model, score = self.power.refine(model, FULL_ORDER, 6)
         wave = self._aligned(model) if self.coherent else None
+        for _ in model.lines:
+            if wave is None or wave.value >= _COHERENT * score:
+                break
+            wave = yield from self._slipped(wave)
         if wave is None or wave.value < _COHERENT * score:
             model = yield from self.improve(model, FULL_ORDER, residual=True)
             return self._judged(model, None)
@@ -110,10 +115,11 @@ class Search(PowerSearch):
         """Single changes of the waveform while they are worth it."""
         for _ in range(ROUNDS):
             yield
-            changed = yield from self._dropped(wave)
-            explained = self._explained(wave)
-            if changed is None and explained < _ALL_EXPLAINED + self.uncertainty:
+            changed, explained = None, self._explained(wave)
+            if explained < _ALL_EXPLAINED + self.uncertainty:  # before a wall goes that is only half a cycle off
                 changed = yield from self._slipped(wave)
+            if changed is None:
+                changed = yield from self._dropped(wave)
             if changed is None and explained < _ALL_EXPLAINED:
                 changed = yield from self._added(model, wave)
             if changed is None:
@@ -124,11 +130,27 @@ class Search(PowerSearch):
         return None if found is None else found._replace(unheard=unheard)
 
     def _cut_off(self, wave: Wave) -> Generator[None, None, bool]:
-        """Whether a silent wall across a corner, which takes echoes away that were not heard, is worth its price."""
+        """Whether a silent wall across a corner, which takes echoes away that were not heard, is worth its price.
+
+        Orders up to `SEARCH_ORDER` tell first which cuts take away what was heard.
+        """
+        orders = SEARCH_ORDER, FULL_ORDER
+        whole = [self.wave.evaluate(wave.lines, wave.reflection, wave.phase, order, False) for order in orders]
+        for lines, reflection in self._cuts(wave):
+            yield
+            for order, uncut in zip(orders, whole, strict=True):
+                cut = self.wave.evaluate(lines, reflection, wave.phase, order, False)
+                if cut is None or uncut is None or cut.value - PRICE <= uncut.value:
+                    break
+            else:
+                return True
+        return False
+
+    def _cuts(self, wave: Wave) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Lines and reflection coefficients with a silent wall across a corner, beyond all pings."""
         _, corners = corners_of(wave.lines)
         lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         for corner in range(len(corners)):
-            yield
             before, after = wave.lines[corner - 1, 1], wave.lines[corner, 1]
             theta = before + 0.5 * np.mod(after - before, 2.0 * np.pi)
             normal = np.array([np.cos(theta), np.sin(theta)])
@@ -137,15 +159,11 @@ class Search(PowerSearch):
             furthest = float(np.max(self.data.positions @ normal))
             for share in _CUTS:
                 r = float(corners[corner] @ normal) - share * depth
-                lines = np.vstack((wave.lines, (r, np.angle(np.exp(1j * theta)))))
-                order = np.argsort(lines[:, 1], kind='stable')
-                reflection = np.append(wave.reflection, 0.0)[order]
                 if r <= furthest:
                     break
-                cut = self.wave.evaluate(np.ascontiguousarray(lines[order]), reflection, wave.phase, FULL_ORDER, False)
-                if cut is not None and cut.value - PRICE > wave.value:
-                    return True
-        return False
+                lines = np.vstack((wave.lines, (r, np.angle(np.exp(1j * theta)))))
+                order = np.argsort(lines[:, 1], kind='stable')
+                yield np.ascontiguousarray(lines[order]), np.append(wave.reflection, 0.0)[order]
 
     def judge(self, model: Model) -> Found | None:
         """A model as it stands, by its waveform."""

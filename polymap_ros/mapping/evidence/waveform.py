@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from polymap_ros.acoustics.image_sources import walls_of
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import Paths, corners_of, room_for_paths, trace_paths
+from polymap_ros.mapping.evidence.paths import Paths, corners_of, falloff, room_for_paths, trace_paths
 
 _LOSS_DEVIATION = 0.35
 """Prior standard deviation of ln |rho| about 0, as in `power`."""
@@ -145,7 +145,9 @@ class WaveformLikelihood:
         self, lines: NDArray[np.float64], reflection: NDArray[np.float64], phase: float, order: int,
         iterations: int = 6,
     ) -> Wave | None:
-        """Climb to the nearest maximum of L (Gauss-Newton with step halving); None where no polygon is bounded."""
+        """Climb to the nearest maximum of L (Gauss-Newton, a parabola where a step leads too far); None where no
+        polygon is bounded.
+        """
         wave = self.evaluate(lines, reflection, phase, order)
         for _ in range(iterations):
             if wave is None:
@@ -153,16 +155,17 @@ class WaveformLikelihood:
             step, expected = _step(wave)
             if expected < _CONVERGED:
                 return wave
+            share = 1.0
             for _ in range(3):
-                trial = self._moved(wave, step, order)
+                trial = self._moved(wave, share * step, order)
                 if trial is not None and trial.value > wave.value:
                     break
-                step = step / 4.0
+                loss = 0.0 if trial is None else wave.value - trial.value
+                # The maximum of the parabola with the gradient here and the value there.
+                share *= max(expected * share / (2.0 * expected * share + loss), 0.1)
             else:
                 return wave
-            gain, wave = trial.value - wave.value, trial
-            if gain < _CONVERGED:
-                break
+            wave = trial
         return wave
 
     def _moved(self, wave: Wave, step: NDArray[np.float64], order: int) -> Wave | None:
@@ -264,7 +267,7 @@ def _cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
 
 @kernel
 def _amplitude(paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64]) -> float:
-    b: float = paths.weight[m] * paths.half[m] ** -spreading
+    b: float = paths.weight[m] * falloff(paths.half[m], spreading)
     for level in range(paths.hits[m]):
         b *= reflection[paths.walls[m, level]]
     return b

@@ -235,7 +235,7 @@ def test_the_power_of_many_pings_is_that_of_their_waveforms(hear, triangle, insi
     first = hear(triangle, inside(triangle, 400), clean=True, order=1)
     ratios = []
     for each, order in ((data, 3), (dataclasses.replace(first.data, gain=np.ones(400)), 1)):
-        model = Model(heard.lines, np.zeros(3), 0.0, np.zeros(data.power.shape[1]))
+        model = Model(heard.lines, np.zeros(3), 0.0, np.zeros(each.power.shape[1]))
         likelihood = PowerLikelihood(each)
         likelihood(model, order)
         ratios.append(each.power.sum() / likelihood.explained.sum())
