@@ -1,10 +1,10 @@
 """Writing what was found, beside the node's other work: for ``~/save`` and at intervals."""
 
 import itertools
-import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -93,7 +93,7 @@ class Saver:
         """Keep only the newest automatic save."""
         before, self._automatic_folder = self._automatic_folder, self._note(future)
         if before is not None and self._automatic_folder is not None:
-            self._writer.submit(shutil.rmtree, before, ignore_errors=True)
+            self._writer.submit(discard, before)
 
     def _note(self, future: 'Future[Path]') -> Path | None:
         try:
@@ -129,3 +129,9 @@ def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> 
         target = next(target for target in targets if not target.exists())
         move_into_place(files, target)
     return target
+
+
+def discard(folder: Path) -> None:
+    """Remove a saved folder so that half of one is never taken for a save; what cannot be removed stays."""
+    with suppress(OSError), staging(folder.parent / 'save') as stage:
+        folder.replace(stage / folder.name)

@@ -50,6 +50,7 @@ for kill in range(int(sys.argv[2])):
     time.sleep(2.0 * whole_s * (kill + 0.5) / int(sys.argv[2]))
     os.kill(child, signal.SIGKILL)
     os.waitpid(child, 0)
+write(mapper, estimate, parameters)
 """
 
 
@@ -74,8 +75,10 @@ def pgm_is_whole(path):
 
 
 def test_kill_at_any_moment_of_a_save_leaves_whole_results_only(tmp_path):
+    """What was half-written is gone with the save after it."""
     subprocess.run([sys.executable, '-c', WRITER, str(tmp_path), str(KILLS)], check=True, timeout=120)
     whole = results(tmp_path)
+    assert whole == list(tmp_path.iterdir())
     assert len(whole) > 1, 'no child got to the end of a save'
     for folder in whole:
         assert_whole(folder)
