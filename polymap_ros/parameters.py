@@ -292,7 +292,9 @@ class OutputParameters(Group):
     PREFIX = 'output.'
     dir: str = parameter('polymap', "folder of the node's saved maps")
     autosave_s: float = parameter(0.0, 'time between automatic saves; 0: none', unit='s', minimum=0.0, live=True)
-    load_path: str = parameter('', 'state.npz to continue from')
+    load_path: str = parameter(
+        '', 'state.npz to continue from; odometry that begins before it is taken for that of another clock, or left '
+        'out with odometry.on_jump_back: ignore')
 
 
 @dataclass(frozen=True)

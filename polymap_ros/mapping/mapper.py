@@ -77,6 +77,9 @@ class PolygonMapper:
         `go_on` has left something for the next time.
     missing_frame : str
         The frame that the first waiting ping waits for `locate` to know; empty where it does not.
+    resuming : bool
+        A saved state was restored and no pose has come since. It may have been saved under another clock, so pings wait
+        for that pose. Not with ``odometry.on_jump_back: ignore``, which takes the clock for the same.
     """
 
     def __init__(
@@ -110,7 +113,7 @@ class PolygonMapper:
         self.frame_id = self.missing_frame = ''
         self.estimate: Estimate | None = None
         self._solver = make_solver(self.parameters)  # a twin may be in the middle of a solve
-        self._solving = False
+        self._solving = self.resuming = False
 
     def twin(self) -> 'PolygonMapper':
         """A copy to be solved, saved or drawn in another thread while this one takes what comes.
@@ -148,6 +151,11 @@ class PolygonMapper:
         return self._track.newest_ns
 
     @property
+    def newest_ping_ns(self) -> int:
+        """Stamp of the ping that was used last [ns]; 0 while there is none."""
+        return self.soundings[-1].stamp_ns if self.soundings else 0
+
+    @property
     def outliers(self) -> int:
         """Poses that were taken, and turned out to be stamped far ahead of their time."""
         return self._track.outliers
@@ -156,9 +164,15 @@ class PolygonMapper:
         """Add the pose of the robot's base [ns], in the mapping plane or in space; pings that waited for it are used.
 
         False, and not taken, if the stamp is not after the newest one, or the frame is not that of the first pose.
+        Where poses begin more than `odometry.max_gap_s` before those of a restored state, that was saved under another
+        clock: its map stays, its poses and waiting pings are forgotten.
         """
         if self.frame_id not in ('', frame_id):
             return False
+        newest_ns = self._track.newest_ns
+        if self.resuming and newest_ns is not None and newest_ns - stamp_ns > 1e9 * self.parameters.odometry.max_gap_s:
+            self._track = self._track.emptied()
+            self._queue.restart(self._track)
         plane = self.plane
         if isinstance(pose, SpatialPose):
             plane = plane or Plane.of(self.parameters.odometry.plane, pose)
@@ -168,6 +182,7 @@ class PolygonMapper:
         if not self._track.add(stamp_ns, placed):
             return False
         self.frame_id, self.plane = frame_id, plane or XY
+        self.resuming = self.resuming and self._track.newest_ns == newest_ns
         self.go_on()
         return True
 
@@ -189,7 +204,7 @@ class PolygonMapper:
     def finish(self) -> None:
         """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
         self._track.finish()
-        self._at_most = None
+        self._at_most, self.resuming = None, False
         self.go_on()
         self._queue.finish()
         self._use(self._common.finish())
@@ -197,6 +212,8 @@ class PolygonMapper:
     def go_on(self) -> None:
         """Use the pings that have waited long enough: for odometry, the sensor's place, what was to be done `later`."""
         self.behind = False
+        if self.resuming:
+            return
         for number, (ping, base) in enumerate(self._queue.placed(self._ready), 1):
             self.tap(ping, base)
             sensor = self._correction(base).compose(self.locate(ping.frame_id) or Pose(0.0, 0.0))
@@ -294,4 +311,5 @@ class PolygonMapper:
             raise StateError(f'the state holds no {error.args[0]}') from error
         except (ValueError, TypeError, IndexError, OverflowError) as error:
             raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
+        mapper.resuming = parameters.odometry.on_jump_back == 'reset'
         return mapper

@@ -115,6 +115,11 @@ class PingQueue:
         self._heap.clear()
         self.counts.waiting = 0
 
+    def restart(self, track: PoseTrack) -> None:
+        """Go on under a clock that began anew: what still waits is dropped, and stamps may come again."""
+        self.finish()
+        self._track, self._taken, self._kept = track, set(), 0
+
     def _forget(self) -> None:
         """Forget pings that would be stale by now, in batches."""
         horizon_ns = self._track.horizon_ns

@@ -46,6 +46,12 @@ class PoseTrack:
         twin._stamps, twin._poses = list(self._stamps), list(self._poses)
         return twin
 
+    def emptied(self) -> 'PoseTrack':
+        """A track without poses that goes on counting."""
+        twin = copy.copy(self)
+        twin._stamps, twin._poses, twin._held = [], [], None
+        return twin
+
     def __len__(self) -> int:
         return len(self._stamps)
 

@@ -28,7 +28,7 @@ class Snapshot:
     positions : ndarray, shape (T, 2)
         The sensor's positions [m].
     stamp_ns : int
-        Newest stamp of the pings [ns].
+        Stamp of the last ping [ns].
     """
 
     likelihood: NDArray[np.float32]
@@ -47,5 +47,5 @@ class Snapshot:
             likelihood=beam_map.normalised(), r_m=beam_map.r_m, theta_rad=beam_map.theta_rad,
             full_circle=beam_map.full_circle, region=evidence.free_area.region,
             positions=np.array([(sounding.x, sounding.y) for sounding in soundings], dtype=float).reshape(-1, 2),
-            stamp_ns=max((sounding.stamp_ns for sounding in soundings), default=0),
+            stamp_ns=soundings[-1].stamp_ns if soundings else 0,
         )

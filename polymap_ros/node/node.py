@@ -111,7 +111,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         newest_ns = self._mapper.newest_pose_ns
         back_s = 0.0 if newest_ns is None else (newest_ns - stamp_ns) * 1e-9
         if back_s > self._live.current.odometry.max_gap_s and frame_id == self._mapper.frame_id:
-            self._jumped_back(f'odometry went back by {back_s:.3f} s')
+            self._went_back(back_s)
         outliers = self._mapper.outliers
         taken = self._mapper.add_pose(stamp_ns, pose, frame_id)
         if self._mapper.outliers > outliers:
@@ -166,6 +166,13 @@ class PolymapNode(Node):  # type: ignore[misc]
         else:
             self.get_logger().warning(f'{what}: what is older than the newest odometry is dropped '
                                       '(odometry.on_jump_back)', throttle_duration_sec=60.0)
+
+    def _went_back(self, back_s: float) -> None:
+        if self._mapper.resuming:
+            self.get_logger().warning(f'odometry begins {back_s:.3f} s before the loaded map ends: the map is kept and '
+                                      'goes on under another clock (odometry.on_jump_back)')
+        else:
+            self._jumped_back(f'odometry went back by {back_s:.3f} s')
 
     def _apply(self, parameters: Parameters) -> None:
         self._mapper.configure(parameters)

@@ -140,8 +140,8 @@ class Outputs:
         if beam_map.count == self._mapped_pings:
             return
         self._mapped_pings = beam_map.count
-        newest_ns = self._mapper.soundings[-1].stamp_ns if self._mapper.soundings else 0
-        self._beam_map.publish(outputs.beam_map_message(make, newest_ns, self._start_frame, beam_map.values))
+        stamp_ns = self._mapper.newest_ping_ns
+        self._beam_map.publish(outputs.beam_map_message(make, stamp_ns, self._start_frame, beam_map.values))
 
     def _repeat(self) -> None:
         for output in (self._polygon, self._markers, self._beam_map, self._map):

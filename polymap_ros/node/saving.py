@@ -119,13 +119,12 @@ class Saver:
 
 def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Path:
     """Write a twin of the mapper as a whole folder that did not exist before; return its absolute path."""
-    stamp_ns = max((sounding.stamp_ns for sounding in mapper.soundings), default=0)
     parent = Path(parameters.output.dir).resolve()
     with staging(parent / 'save') as stage:
         files = stage / 'files'
         files.mkdir()
         write_results(files, mapper, estimate, parameters)
-        targets = (parent / f'{stamp_ns}-{n}' for n in itertools.count(1))
+        targets = (parent / f'{mapper.newest_ping_ns}-{n}' for n in itertools.count(1))
         target = next(target for target in targets if not target.exists())
         move_into_place(files, target)
     return target

@@ -67,6 +67,7 @@ class Replay:
         self.echoes = 0
         self._recording, self._mapper, self._parameters = recording, mapper, parameters
         self._interval = start_s, end_s
+        self._outliers = mapper.outliers
 
     def __iter__(self) -> Iterator[Entry]:
         """Feed the mapper; each message is given back once it was taken or dropped."""
@@ -84,7 +85,7 @@ class Replay:
             self.odometry.received += lost
             self.odometry.dropped['undecodable'] += lost
         self._mapper.finish()
-        if outliers := self._mapper.outliers:
+        if outliers := self._mapper.outliers - self._outliers:
             self.odometry.used -= outliers
             self.odometry.dropped['stamped_ahead'] += outliers
         self._check()

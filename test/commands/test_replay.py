@@ -187,6 +187,18 @@ def test_a_saved_state_is_continued(call, triangle, tmp_path):
     np.testing.assert_allclose(maps[0], maps[1], rtol=0, atol=1e-5 * maps[0].max())
 
 
+def test_a_state_and_the_same_recording_again_give_the_map_of_twice_as_many_pings(call, triangle, tmp_path):
+    assert call('replay', triangle, '--output', 'first', *FAST).status == 0
+    load = ['-p', 'output.load_path:=first/state.npz']
+    assert call('replay', triangle, '--output', 'second', *load, *FAST).status == 0
+    one, two = (read_json(tmp_path / name / 'polygon.json') for name in ('first', 'second'))
+    assert two['pings']['used'] == 2 * one['pings']['used'] > 0
+    assert two['stamp_ns'] == one['stamp_ns']
+    ignored = call('replay', triangle, '--output', 'third', *load, '-p', 'odometry.on_jump_back:=ignore', *FAST)
+    assert ignored.status == 2
+    assert 'out_of_order' in ignored.complaint
+
+
 def test_without_truth_nothing_is_compared(call, triangle, tmp_path):
     shutil.copy(triangle / 'triangle.mcap', tmp_path / 'bare.mcap')
     done = call('replay', 'bare.mcap', '--output', 'out', *FAST)
@@ -215,7 +227,7 @@ def test_a_signal_ends_it_and_nothing_is_written(start, triangle, tmp_path, mome
 def test_sigterm_while_the_results_are_written_leaves_nothing(call, triangle, tmp_path, monkeypatch):
     """The signal comes when the folder beside the results holds some of them, but not all."""
     def signalled(*arguments):
-        assert any(path.name.startswith('.out-') for path in tmp_path.iterdir())
+        assert any(path.name.startswith('.out.polymap-') for path in tmp_path.iterdir())
         os.kill(os.getpid(), signal.SIGTERM)
         return b''
 

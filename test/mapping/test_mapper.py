@@ -252,6 +252,42 @@ def test_a_saved_and_continued_map_is_that_of_an_uninterrupted_run(cut):
     assert (solved.cost, solved.status) == (expected.cost, expected.status)
 
 
+def test_a_state_goes_on_under_a_clock_that_began_anew():
+    """The map stays, the same stamps may come again; a ping that waits when the clock begins anew is lost."""
+    mapper = PolygonMapper(SMALL)
+    circling(mapper, 12)
+    assert dataclasses.astuple(mapper.counts) == (12, 11, {}, 1)
+    again = PolygonMapper.from_state(SMALL, mapper.state())
+    circling(again, 11)
+    assert dataclasses.astuple(again.counts) == (23, 21, {'no_pose': 1}, 1)
+    assert again.beam_map.count == 21
+    assert again.start_pose == mapper.start_pose
+    assert again.newest_ping_ns == START + 9 * S // 2 + S // 4 < mapper.newest_ping_ns
+
+
+def test_pings_wait_for_the_first_pose_after_a_restored_state():
+    """The poses there may be of another clock: taken at once, the ping would be heard at a wrong place."""
+    mapper = PolygonMapper(SMALL)
+    circling(mapper, 4)
+    again = PolygonMapper.from_state(SMALL, mapper.state())
+    again.add_ping(Ping(START + S // 8, NOISE[5], 1e-6))
+    assert (again.counts.used, again.counts.waiting) == (4 - 1, 2)
+    again.add_pose(START + 2 * S, Pose(0.0, 0.0))
+    assert (again.counts.used, again.counts.waiting) == (5, 0)
+
+
+def test_where_jumps_back_are_ignored_a_restored_state_takes_what_is_newer():
+    ignoring = SMALL.replaced({'odometry.on_jump_back': 'ignore'})
+    mapper, whole = PolygonMapper(ignoring), PolygonMapper(ignoring)
+    circling(mapper, 12)
+    circling(whole, 16)
+    again = PolygonMapper.from_state(ignoring, mapper.state())
+    circling(again, 16)
+    assert everything(again)[:4] == everything(whole)[:4]
+    assert again.counts.used == whole.counts.used == 15
+    assert again.counts.dropped == {'duplicate': 12}
+
+
 @pytest.mark.parametrize('change', [
     {'grid.range_step_m': 0.01}, {'medium.thickness_m': 0.005}, {'pulse.cycles': 3.0}, {'sensor.x_m': 0.1},
     {'echo.kind': 'envelope'}, {'echo.blanking_m': 0.1}, {'echo.t0_s': 1e-5}])

@@ -260,6 +260,29 @@ def test_saved_map_is_continued_as_if_nothing_had_happened(peer, start, tmp_path
         assert np.array_equal(one[name], other[name]), name
 
 
+@pytest.mark.parametrize(('action', 'line', 'used'), [
+    ('reset', 'before the loaded map ends: the map is kept', '14'), ('ignore', 'is dropped', '10')])
+def test_saved_map_is_kept_where_the_stamps_begin_before_it(peer, start, tmp_path, riding, action, line, used):
+    """A jump back while it runs is one as ever."""
+    options = [*RELIABLE, '-p', f'output.dir:={tmp_path}', '-p', f'odometry.on_jump_back:={action}']
+    node = start('--ros-args', *options)
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 10)
+    peer.until_used(values, 10)
+    saved = peer.call('/polymap_node/save', TRIGGER).message
+    assert node.stop() == 0
+    node = start('--ros-args', *options, '-p', f'output.load_path:={saved}/state.npz')
+    ride = riding()
+    ride.publish(0, 4)
+    node.wait_for_line(line)
+    peer.spin_until(lambda: values()['pings received'] == '14', 'the second round')
+    assert values()['pings used'] == used
+    ride.publish(0, 3)
+    if action == 'reset':
+        node.wait_for_line('the map is reset')
+        peer.until_used(values, 3)
+
+
 def test_save_that_fails_says_why_and_the_node_goes_on(peer, start, tmp_path, riding):
     (tmp_path / 'file').write_text('in the way')
     start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}/file')
