@@ -173,6 +173,6 @@ def test_reset_clears_what_is_latched(live, make_peer):
 def test_node_maps_again_after_a_reset_and_ends_with_status_0(live, recording, starter):
     count = len(live.received['polygon'])
     starter(str(recording), '--rate', '10', '--wait', '20', command='play', ready='')
-    live.peer.spin_until(lambda: len(live.received['polygon']) > count + 1, 'a polygon after the reset')
-    assert len(corners(live.received['polygon'][-1])) >= 3
+    live.peer.spin_until(lambda: any(len(each.polygon.points) >= 3 for each in live.received['polygon'][count:]),
+                         'a polygon after the reset')  # repeats of the cleared one may come first
     assert live.node.stop(signal.SIGINT) == 0
