@@ -8,9 +8,35 @@ F = TypeVar('F', bound=Callable[..., Any])
 
 try:
     import numba
+    from numba.core import event
 except ImportError:
     numba = None
     warnings.warn('numba is not installed: polymap_ros runs, but slowly', RuntimeWarning, stacklevel=2)
+else:
+    class _Compilations(event.Listener):  # type: ignore[misc]
+        """Tells of the first compilation, in whatever thread."""
+
+        tell: Callable[[str], object] | None = None
+
+        def on_start(self, compilation: Any) -> None:
+            tell, self.tell = self.tell, None
+            if tell is not None:
+                tell(COMPILING)
+
+        def on_end(self, compilation: Any) -> None:
+            """The abstract class asks for it."""
+
+    _COMPILATIONS = _Compilations()
+    event.register('numba:compile', _COMPILATIONS)
+
+
+COMPILING = 'compiling for this machine, which may take a minute at a first start'
+
+
+def when_compiling(tell: Callable[[str], object]) -> None:
+    """Call `tell` with a line, once from here on, as soon as a kernel is compiled, and not just loaded."""
+    if numba is not None:
+        _COMPILATIONS.tell = tell
 
 
 def kernel(function: F) -> F:

@@ -8,6 +8,8 @@ import sys
 import numpy as np
 import pytest
 
+from polymap_ros.jit import COMPILING
+
 CALLER = '''
 from callee import inner
 from polymap_ros.jit import kernel
@@ -104,3 +106,57 @@ def test_without_numba_everything_works_and_says_that_it_is_slow():
     assert len(compiled['evidence']) == 3
     for method, vertices in compiled.items():
         np.testing.assert_allclose(plain[method], vertices, rtol=0, atol=1e-6)
+
+
+TOLD = '''
+from polymap_ros.jit import when_compiling
+when_compiling(print)
+import caller
+for _ in range(2):
+    caller.outermost(1.0)
+'''
+
+
+def test_compiling_is_told_once_and_loading_is_not(tmp_path):
+    pytest.importorskip('numba')
+    (tmp_path / 'caller.py').write_text(CALLER)
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='2.0'))
+    first, second = (subprocess.run([sys.executable, '-c', TOLD], cwd=tmp_path, capture_output=True, text=True,
+                                    check=True).stdout for _ in range(2))
+    assert first == f'{COMPILING}\n'
+    assert second == ''
+
+
+AFTER_WARM_UP = '''
+from polymap_ros.jit import when_compiling
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.warm_up import warm_up
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation import scene_file, waveforms
+
+scene = scene_file.load_scene('triangle')
+pings = list(waveforms.pings(scene))
+for method in ('paper', 'evidence'):
+    parameters = Parameters().replaced({'solver.method': method})
+    told = []
+    when_compiling(told.append)
+    warm_up(parameters)
+    print(len(told))
+    when_compiling(told.append)
+    mapper = PolygonMapper(parameters)
+    for number, (ping, pose) in enumerate(zip(pings, scene.poses)):
+        mapper.add_pose(ping.emission_ns, Pose(*pose))
+        mapper.add_ping(ping)
+        if number in (1, 5, 20):
+            mapper.solve()
+    print(len(told), mapper.solve().status)
+'''
+
+
+def test_nothing_is_compiled_after_the_warm_up(tmp_path):
+    """The node pays before its first message."""
+    pytest.importorskip('numba')
+    done = subprocess.run([sys.executable, '-c', AFTER_WARM_UP], capture_output=True, text=True, check=True,
+                          env=os.environ | {'NUMBA_CACHE_DIR': str(tmp_path)})
+    assert done.stdout.splitlines() == ['1', '1 closed'] * 2

@@ -122,6 +122,19 @@ def complain(program: str, text: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
 
+def tell_compiling(program: str) -> None:
+    """Print a line on stderr when kernels are compiled, above the progress bar if there is one."""
+    from tqdm import tqdm
+
+    from polymap_ros.jit import when_compiling
+
+    def told(text: str) -> None:
+        with tqdm.external_write_mode(sys.stderr):
+            print(f'{program}: {text}', file=sys.stderr, flush=True)
+
+    when_compiling(told)
+
+
 def tell(text: str) -> None:
     """Print a result on stdout; who has closed it has seen enough, and the work goes on."""
     if said := _SAID.get():

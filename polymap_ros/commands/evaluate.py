@@ -264,12 +264,18 @@ def _run(
 
     results, kept = [], PartialRows(arguments.output)
     with console.progress('polymap_evaluate', len(jobs), unit) as advance, \
-            closing(run_jobs(function, jobs, arguments.jobs)) as done:
+            closing(run_jobs(_job, [(function, *job) for job in jobs], arguments.jobs)) as done:
         for result in done:
             results.append(result)
             kept.add(rows(result))
             advance(1)
     return results
+
+
+def _job(function: Callable[..., T], *job: Any) -> T:
+    """In whatever process."""
+    console.tell_compiling(PROGRAM)
+    return function(*job)
 
 
 def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict[str, Any]) -> None:

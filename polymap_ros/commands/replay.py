@@ -139,6 +139,7 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
     from polymap_ros.results.summary import summary
 
     began_s = time.monotonic()
+    console.tell_compiling(PROGRAM)
     interval_s = arguments.start, arguments.end
     with Recording.open(path) as recording:
         truth = read_truth(path)

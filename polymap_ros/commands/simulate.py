@@ -39,6 +39,7 @@ def _parser() -> console.Parser:
 def _simulate(arguments: argparse.Namespace) -> int:
     from polymap_ros.simulation.scene_file import load_scene
 
+    console.tell_compiling(PROGRAM)
     scene = load_scene(arguments.scene, recorded_path)
     record(scene, arguments.output, arguments.storage)
     console.tell(

@@ -10,6 +10,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from polymap_ros.errors import BadOdometry, BadPing
+from polymap_ros.jit import when_compiling
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.messages.echoes import ping_from_message
@@ -58,6 +59,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         check_echo_fields(parameters.echo, fields_of)
         self._log_parameters(parameters)
         pulse = read_pulse(parameters)
+        when_compiling(self.get_logger().info)
         warm_up(parameters, pulse)
         self._stopwatch = Stopwatch()
         self._background = Background(self, self._stopwatch, self._go_on)
@@ -175,6 +177,7 @@ class PolymapNode(Node):  # type: ignore[misc]
             self._jumped_back(f'odometry went back by {back_s:.3f} s')
 
     def _apply(self, parameters: Parameters) -> None:
+        when_compiling(self.get_logger().info)  # another method may want other kernels
         self._mapper.configure(parameters)
         self._solving.drop()
         self._solving.set_period(parameters.solver.period_s)
