@@ -22,7 +22,7 @@ KNOWS = {
     'messages': {'acoustics', 'mapping'},
     'results': {'acoustics', 'mapping', 'atomic', 'version'},
     'recordings': {'acoustics', 'mapping', 'messages', 'results', 'atomic'},
-    'node': {'acoustics', 'mapping', 'messages', 'results', 'atomic', 'pulse_file', 'version'},
+    'node': {'acoustics', 'mapping', 'messages', 'results', 'atomic', 'jit', 'pulse_file', 'version'},
     'evaluation': {'acoustics', 'mapping', 'simulation', 'results', 'jit', 'atomic', 'version'},
 }
 PURE = ('acoustics', 'mapping')

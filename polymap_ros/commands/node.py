@@ -15,6 +15,7 @@ polymap_node --ros-args --params-file polymap.yaml -p echo.type:=sensor_msgs/msg
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status, 0 after Ctrl-C or SIGTERM."""
+    console.one_core()  # a second thread of the linear algebra makes no solve faster, and the messages wait for it
     command_line = list(sys.argv[1:] if arguments is None else arguments)
     parser = console.Parser(PROGRAM, 'Maps the polygon around a robot from echoes and odometry, live.', EPILOG)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter

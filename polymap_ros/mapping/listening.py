@@ -1,7 +1,7 @@
 """What a ping tells at its own place: eq. (3), its envelope and the closest range, or why it cannot be used."""
 
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise
 from typing import NamedTuple, TypeAlias
 
@@ -140,7 +140,7 @@ class Listener:
 
     def hear(self, ping: Ping) -> Heard:
         """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range."""
-        correlate, gauge, front_end = self._filter(ping)
+        correlate, gauge, front_end, width_m = self._filter(ping)
         samples = front_end.levelled(ping.samples)
         used = front_end.limited(samples, self._blanked_s(ping))
         echo = correlate(used)
@@ -151,29 +151,26 @@ class Listener:
         noise = gauge(samples, used) if self._parameters.echo.kind == 'rf' else None
         if noise is None:
             noise = noise_from_envelope(envelope, ping.samples.size)
-        rho, sure = self._closest(envelope[useful], noise, blanking_m)
+        rho, sure = self._closest(envelope[useful], noise, blanking_m, width_m)
         echo[self._fine_m < blanking_m * (1.0 - 1e-9)] = 0.0
         envelope = np.abs(echo[:: self.fold])
         if self._parameters.front_end.flat_spreading:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
         return Heard(echo, envelope, rho, noise, sure)
 
-    def _closest(self, envelope: NDArray[np.floating], noise: float, blanking_m: float) -> tuple[float, float]:
+    def _closest(
+        self, envelope: NDArray[np.floating], noise: float, blanking_m: float, width_m: float
+    ) -> tuple[float, float]:
         """Closest range [m] and the confidence in it."""
         false_alarm = self._parameters.free_area.false_alarm
-        axis = noise, self._step_m, blanking_m, self._width_m
+        axis = noise, self._step_m, blanking_m, width_m
         rho = (first_echo(envelope, *axis, false_alarm) if false_alarm
                else closest_range(envelope, self._step_m, blanking_m))
         return rho, confidence(envelope, *axis, rho)
 
-    @cached_property
-    def _width_m(self) -> float:
-        """Width of an independent cell of range [m]."""
-        return self.shape.width_m
-
     def signals(self, ping: Ping, cleaned: Ping) -> Signals:
         """What `hear` makes of a ping, and what was made of it before."""
-        _, _, front_end = self._filter(ping)
+        _, _, front_end, _ = self._filter(ping)
         levelled = front_end.levelled(cleaned.samples)
         limited = front_end.limited(levelled, self._blanked_s(ping))
         steps = [('as received', ping.samples), ('without what is common', cleaned.samples),
@@ -227,7 +224,7 @@ class Listener:
         try:
             pulse, magnitudes = self._pulse(key[1]), self._parameters.echo.kind == 'envelope'
             made = (self._correlation(key), NoiseGauge(self._medium, pulse, *key[:2]),
-                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s))
+                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s), self.shape.width_m)
         finally:
             self._begun.discard(key)
         if len(self._filters) == _FILTERS:
@@ -252,8 +249,8 @@ class Listener:
 _Key: TypeAlias = tuple[int, float, float]
 """Samples, sample period [s] and time of the first sample [s]."""
 
-_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd]
-"""All that pings of one length, period and start are heard with."""
+_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd, float]
+"""All that pings of one length, period and start are heard with; the last is the width of a cell of range [m]."""
 
 
 def _key(ping: Ping) -> _Key:

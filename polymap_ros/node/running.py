@@ -1,5 +1,6 @@
 """Starting and stopping the node."""
 
+import gc
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -37,7 +38,10 @@ def run(arguments: Sequence[str]) -> None:
         raise UsageError(f'{str(error).partition(", at ")[0]}') from error
     rclpy.logging.set_logger_level('rcl', LoggingSeverity.UNSET)
     try:
-        _spin(PolymapNode(arguments))
+        node = PolymapNode(arguments)
+        gc.collect()
+        gc.freeze()  # all that was imported and compiled; to look through it for garbage takes 50 ms and more
+        _spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # while the node was being made
     except RuntimeError:  # RCLError, or what pybind11 makes of a call that the shutdown interrupts
