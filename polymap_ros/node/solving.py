@@ -67,7 +67,7 @@ class SolveLoop:
         self._solving = False
         self._solved_pings = 0
         self._number = 0
-        self._begun_s = 0.0
+        self._begun_s = self._late_s = 0.0
         self._outcome = _Outcome(0, 0.0, '')
         self._running = threading.Event()
         self._running.set()
@@ -93,10 +93,9 @@ class SolveLoop:
         self._timer.reset()
 
     def pace(self) -> str:
-        """How long the solve under way, or else the last one, takes."""
-        if self._solving:
-            return f'a solve has been under way for {time.monotonic() - self._begun_s:.2f} s'
-        return f'the last solve took {self.solve_s:.2f} s'
+        """How long a solve had taken when the last one came due that had to wait for it."""
+        period_s = 1e-9 * self._timer.timer_period_ns
+        return f'a solve was not done after {self._late_s:.2f} s; one is due every {period_s:g} s (solver.period_s)'
 
     def drop(self) -> None:
         """Drop a solve under way, which ends after its current step; the next comes in any case."""
@@ -116,6 +115,7 @@ class SolveLoop:
             return
         if self._solving:
             self.behind += 1
+            self._late_s = time.monotonic() - self._begun_s
             return
         self._number += 1
         self._solving, self._solved_pings, self._begun_s = True, used, time.monotonic()

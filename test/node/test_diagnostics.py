@@ -117,9 +117,11 @@ def test_solver_that_is_behind_is_told(peer, start, riding):
     ride.publish(0, 10)
     peer.until_used(values, 10)
     ride.publish(10, 20)
-    found = says(peer, values, 'the solver is behind: a solve has been under way for ')
+    found = says(peer, values, 'the solver is behind: a solve was not done after ')
     peer.until_used(values, 20)
     assert found['level'] == '1'
+    assert ' after 0.00 s' not in found['message']
+    assert 'one is due every 0.01 s (solver.period_s)' in found['message']
     reset = peer.call('/polymap_node/reset', 'std_srvs/srv/Trigger')
     assert reset.success, 'a reset does not wait for the solver'
     peer.spin_until(lambda: values()['pings used'] == '0', 'the reset')
