@@ -1,8 +1,9 @@
 """Writing what was found, beside the node's other work: for ``~/save`` and at intervals."""
 
+import errno
 import itertools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -124,10 +125,20 @@ def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> 
         files = stage / 'files'
         files.mkdir()
         write_results(files, mapper, estimate, parameters)
-        targets = (parent / f'{mapper.newest_ping_ns}-{n}' for n in itertools.count(1))
+        return _moved(files, (parent / f'{mapper.newest_ping_ns}-{n}' for n in itertools.count(1)))
+
+
+def _moved(files: Path, targets: Iterator[Path]) -> Path:
+    """Move a folder to the first target that is free: another node may take one between the look and the move."""
+    while True:
         target = next(target for target in targets if not target.exists())
-        move_into_place(files, target)
-    return target
+        try:
+            move_into_place(files, target)
+        except OSError as error:
+            if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+                raise
+        else:
+            return target
 
 
 def discard(folder: Path) -> None:

@@ -54,6 +54,19 @@ write(mapper, estimate, parameters)
 """
 
 
+TOGETHER = """
+import sys
+from polymap_ros.mapping.estimate import Estimate
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.node.saving import write
+from polymap_ros.parameters import Parameters
+
+parameters = Parameters().replaced({'output.dir': sys.argv[1]})
+for _ in range(50):
+    write(PolygonMapper(parameters), Estimate('open', 'evidence'), parameters)
+"""
+
+
 def results(folder):
     """What a user takes for results: everything but hidden names."""
     return [path for path in folder.iterdir() if not path.name.startswith('.')]
@@ -82,6 +95,14 @@ def test_kill_at_any_moment_of_a_save_leaves_whole_results_only(tmp_path):
     assert len(whole) > 1, 'no child got to the end of a save'
     for folder in whole:
         assert_whole(folder)
+
+
+def test_nodes_that_save_side_by_side_at_the_same_stamp_do_not_get_in_each_others_way(tmp_path):
+    processes = [subprocess.Popen([sys.executable, '-c', TOGETHER, str(tmp_path)]) for _ in range(3)]
+    assert [process.wait(120) for process in processes] == [0, 0, 0]
+    assert {path.name for path in tmp_path.iterdir()} == {f'0-{n}' for n in range(1, 151)}
+    for folder in tmp_path.iterdir():
+        assert {path.name for path in folder.iterdir()} == {'polygon.json', 'state.npz'}
 
 
 def test_node_that_is_killed_leaves_the_saves_it_has_answered_for(peer, start, tmp_path, riding):
