@@ -72,9 +72,12 @@ def paired(
 
 
 def _calls(function: Callable[[], object], least_s: float, clock: Clock) -> int:
-    """How many calls take at least so long."""
+    """How many calls take at least so long, without what is loaded on first use."""
+    if not least_s:
+        return 1
+    function()
     count = 1
-    while least_s and _seconds(function, count, clock) * count < least_s:
+    while _seconds(function, count, clock) * count < least_s:
         count *= 2
     return count
 
