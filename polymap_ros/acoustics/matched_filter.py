@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.medium import Medium, group_speed
 from polymap_ros.acoustics.pulse import Pulse
+from polymap_ros.jit import kernel
 
 BAND_FLOOR = 1e-3
 """Frequencies at which the expected echo is weaker than this, relative to its strongest, are left out: they hold
@@ -27,8 +28,8 @@ class EchoFilter(Protocol):
     autocorrelation: NDArray[np.complex128]
     """What a wall's echo looks like over the differences of the range axis, 1 in the middle."""
 
-    def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
-        """Filter one ping; its magnitude is the envelope e(r)."""
+    def __call__(self, samples: NDArray[np.floating], finely: bool = True) -> NDArray[np.complex64]:
+        """Filter one ping; its magnitude is the envelope e(r). Not finely: at every `fold`-th range only."""
 
 
 class MatchedFilter:
@@ -58,6 +59,8 @@ class MatchedFilter:
         Sample period [s].
     t0_s : float
         Time of the first sample after emission [s].
+    fold : int
+        Ranges per range of the coarse axis, which takes as much less work.
     wiener_noise : float, optional
         Deconvolve: divide by |z_hat|^2 plus this share of its largest value, so that all frequencies that stand out of
         such a noise count alike. White noise comes out as strong as of eq. (3), echoes sharper and weaker.
@@ -76,6 +79,7 @@ class MatchedFilter:
         n_samples: int,
         period_s: float,
         t0_s: float = 0.0,
+        fold: int = 1,
         wiener_noise: float | None = None,
     ) -> None:
         step = float(ranges_m[1] - ranges_m[0])
@@ -87,9 +91,9 @@ class MatchedFilter:
         # last can be echoes of, the axis, and a pulse's length between the two ends.
         last = max(0.55 * fastest * (t0_s + n_samples * period_s), 1.1 * (ranges_m[-1] + step))
         first = min(0.55 * fastest * t0_s, 0.0) - fastest * pulse.duration_s
-        self._n_ranges = len(ranges_m)
-        self._size = scipy.fft.next_fast_len(int(np.ceil((last - first) / step)))
-        dk = np.pi / (self._size * step)
+        self._fold, coarse_size = fold, scipy.fft.next_fast_len(int(np.ceil((last - first) / (fold * step))))
+        size = fold * coarse_size
+        dk = np.pi / (size * step)
         k = np.arange(wavenumbers[0], wavenumbers[-1], dk)
         omega = np.interp(k, wavenumbers, band)
         for _ in range(3):  # Newton's method on k(w) = k
@@ -98,7 +102,6 @@ class MatchedFilter:
         echo = pulse.spectrum(omega) * medium.excitability(omega)
         energy = float(np.sum(np.abs(echo) ** 2 * speed) * dk / np.pi)
 
-        self._grid = _Gridding(n_samples, omega * period_s)
         power = np.abs(echo) ** 2 * speed * dk / np.pi / energy
         weight = np.conj(echo) * speed * np.exp(-1j * omega * t0_s) * dk / np.pi * np.sqrt(period_s / energy)
         if wiener_noise is not None:
@@ -106,21 +109,24 @@ class MatchedFilter:
             inverse = 1.0 / (share + wiener_noise)
             weight *= inverse / np.sqrt(np.sum(power * inverse**2))
             power *= inverse / np.sum(power * inverse)
-        self._weight = weight.astype(np.complex64)
-        self._carrier = (self._size * np.exp(2j * k[0] * ranges_m)).astype(np.complex64)
-        lags = np.arange(1 - self._n_ranges, self._n_ranges)
-        folded = self._size * scipy.fft.ifft(_fold(power.astype(complex), self._size))
+        self._grid = _Gridding(n_samples, omega * period_s, weight)
+        self._size, self._coarse_size = size, coarse_size
+        self._carrier = np.exp(2j * k[0] * ranges_m).astype(np.complex64)
+        lags = np.arange(1 - len(ranges_m), len(ranges_m))
+        folded = scipy.fft.ifft(_fold(power.astype(complex), size), norm='forward')
         self.autocorrelation = folded[lags] * np.exp(2j * k[0] * step * lags)
 
-    def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
+    def __call__(self, samples: NDArray[np.floating], finely: bool = True) -> NDArray[np.complex64]:
         """Correlate one ping, shape (n_samples,); returns shape (n_ranges,), at most 1 in magnitude."""
+        carrier = self._carrier if finely else self._carrier[::self._fold]
         z = np.asarray(samples, dtype=float)
         norm = float(np.linalg.norm(z))
         if norm == 0.0:
-            return np.zeros(self._n_ranges, dtype=np.complex64)
-        spectrum = self._grid((z / norm).astype(np.float32)) * self._weight
-        total: NDArray[np.complex64] = scipy.fft.ifft(_fold(spectrum, self._size), overwrite_x=True)[: self._n_ranges]
-        total *= self._carrier
+            return np.zeros(len(carrier), dtype=np.complex64)
+        # A sum over k that is looked at every fold-th range only cannot tell wavenumbers apart that lie so far apart.
+        spectrum = self._grid(z, norm, self._size if finely else self._coarse_size)
+        total: NDArray[np.complex64] = scipy.fft.ifft(spectrum, norm='forward', overwrite_x=True)[: len(carrier)]
+        total *= carrier
         return total
 
 
@@ -153,7 +159,7 @@ class EnvelopeFilter:
         deviation = max(speed_m_s * centre_s / 6.0, ranges_m[1])
         self.autocorrelation = np.exp(-0.5 * (lags / deviation) ** 2).astype(complex)
 
-    def __call__(self, samples: NDArray[np.floating]) -> NDArray[np.complex64]:
+    def __call__(self, samples: NDArray[np.floating], finely: bool = True) -> NDArray[np.complex64]:
         """Resample one ping, shape (n_samples,), to the range axis; scaled by the ping's norm as in eq. (3)."""
         norm = float(np.linalg.norm(np.asarray(samples, dtype=float)))
         if norm == 0.0:
@@ -164,34 +170,57 @@ class EnvelopeFilter:
 
 
 class _Gridding:
-    """The spectrum sum_n z_n exp(-j w n) of n samples at arbitrary w in (0, pi) [rad / sample]."""
+    """The spectrum sum_n z_n exp(-j w n) of n samples at arbitrary w in (0, pi) [rad / sample], times weights."""
 
-    def __init__(self, n_samples: int, omega: NDArray[np.float64]) -> None:
-        self._size = scipy.fft.next_fast_len(int(_PADDING * n_samples) + 2 * _TAPS, real=True)
+    def __init__(self, n_samples: int, omega: NDArray[np.float64], weight: NDArray[np.complex128]) -> None:
+        self._size = _quick_len(int(_PADDING * n_samples) + 2 * _TAPS)
         bins = omega * self._size / (2.0 * np.pi)
         first = np.floor(bins).astype(np.int64) - _TAPS // 2 + 1
         offsets = first[:, None] + np.arange(_TAPS)
         beta = np.pi * _TAPS * (1.0 - n_samples / (2.0 * self._size))
         inside = np.maximum(1.0 - (2.0 * (bins[:, None] - offsets) / _TAPS) ** 2, 0.0)
-        # Samples are centred about n = n_samples / 2, where the kernel's transform is smooth and wide.
-        centre = n_samples / 2.0
-        taps = np.i0(beta * np.sqrt(inside)) * np.exp(2j * np.pi * offsets * centre / self._size)
-        self._taps = (taps * np.exp(-1j * omega * centre)[:, None]).astype(np.complex64)
-        half = self._size // 2 + 1
-        wrapped = np.mod(offsets, self._size)
-        self._conjugate = wrapped >= half
-        self._bins = np.where(self._conjugate, self._size - wrapped, wrapped)
-        t = (np.arange(n_samples) - centre) * 2.0 * np.pi / self._size
+        self._first = (first + _TAPS).astype(np.int32)
+        self._taps = np.i0(beta * np.sqrt(inside)).astype(np.float32)
+        # Samples are centred about the middle one, where the kernel's transform is smooth and wide.
+        self._middle = n_samples // 2
+        self._weight = (weight * np.exp(-1j * omega * self._middle)).astype(np.complex64)
+        t = (np.arange(n_samples) - self._middle) * 2.0 * np.pi / self._size
         argument = np.emath.sqrt(beta**2 - (_TAPS / 2.0 * t) ** 2)
         kernel_transform = np.real(_TAPS * np.sinh(argument) / argument)
-        self._apodisation = (1.0 / kernel_transform).astype(np.float32)
+        self._apodisation = 1.0 / kernel_transform
 
-    def __call__(self, samples: NDArray[np.float32]) -> NDArray[np.complex64]:
-        spectrum = scipy.fft.rfft(samples * self._apodisation, self._size)
-        near = spectrum[self._bins]
-        np.conjugate(near, out=near, where=self._conjugate)
-        value: NDArray[np.complex64] = np.einsum('ij,ij->i', near, self._taps)
-        return value
+    def __call__(self, samples: NDArray[np.float64], norm: float, size: int) -> NDArray[np.complex64]:
+        """The spectrum of samples / norm, with what an inverse FFT of `size` cannot tell apart added up."""
+        centred, middle = np.zeros(self._size, np.float32), self._middle
+        apodised = samples * (self._apodisation / norm)
+        centred[:len(samples) - middle], centred[self._size - middle:] = apodised[middle:], apodised[:middle]
+        half = scipy.fft.rfft(centred)
+        above = self._size - len(half)  # beyond the half, a real signal's spectrum comes back conjugated
+        whole = np.concatenate((half[_TAPS:0:-1].conj(), half, half[above:above - _TAPS:-1].conj()))
+        folded = np.zeros(size, np.complex64)
+        _interpolate(whole.view(np.float32), self._first, self._taps, self._weight, folded)
+        return folded
+
+
+def _quick_len(least: int) -> int:
+    """Length of a real FFT: with many factors of four it is the quickest."""
+    return 64 * int(scipy.fft.next_fast_len(-(-least // 64), real=True))
+
+
+@kernel
+def _interpolate(
+    parts: NDArray[np.float32], first: NDArray[np.int32], taps: NDArray[np.float32], weight: NDArray[np.complex64],
+    folded: NDArray[np.complex64],
+) -> None:
+    """Add up each row's taps of a spectrum given as real and imaginary parts in turn, and fold the weighted sums."""
+    at = 0
+    for i in range(taps.shape[0]):
+        real, imaginary, start = np.float32(0.0), np.float32(0.0), 2 * first[i]
+        for j in range(taps.shape[1]):
+            real += taps[i, j] * parts[start + 2 * j]
+            imaginary += taps[i, j] * parts[start + 2 * j + 1]
+        folded[at] += weight[i] * np.complex64(complex(real, imaginary))
+        at = at + 1 if at + 1 < folded.size else 0
 
 
 def sampling_step(medium: Medium, pulse: Pulse, frequency_hz: float) -> float:

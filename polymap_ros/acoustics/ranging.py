@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.noise import median
+
 RELATIVE_THRESHOLD = 0.3
 """A peak counts from this share of the strongest one. Echoes of a lossless plate add up, so that the closest wall
 may well be half as strong as a later range; side lobes of a rectangular pulse reach 0.22."""
@@ -32,7 +34,7 @@ def closest_range(envelope: NDArray[np.floating], step_m: float, blanking_m: flo
     e, first = np.asarray(envelope, dtype=float), _first_cell(step_m, blanking_m)
     if len(e) < first + 2:
         return float('nan')
-    threshold = max(RELATIVE_THRESHOLD * e[first:].max(), NOISE_FACTOR * float(np.median(e[first:])))
+    threshold = max(RELATIVE_THRESHOLD * e[first:].max(), NOISE_FACTOR * median(e[first:]))
     return _first_peak(e, first, threshold, step_m)
 
 

@@ -29,6 +29,7 @@ MAX_CELLS = 1 << 22
 _FILTERS = 8
 """Filters kept: pings of so many different lengths, periods and starts may alternate."""
 
+_NO_ECHO = np.empty(0, np.complex64)
 
 Later: TypeAlias = Callable[[Callable[[], None]], None]
 """Does a job that takes long: at once, or in another thread."""
@@ -138,25 +139,29 @@ class Listener:
                 raise BadPing('bad_samples', f'{share:.1%} of the samples beyond the blanking are {what}; allowed: '
                                              f'{allowed:.1%} (front_end.max_bad)')
 
-    def hear(self, ping: Ping) -> Heard:
-        """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range."""
+    def hear(self, ping: Ping, finely: bool = True) -> Heard:
+        """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range.
+
+        Not finely: without the echo on the fine axis, which takes most of the work.
+        """
         correlate, gauge, front_end, width_m = self._filter(ping)
         samples = front_end.levelled(ping.samples)
         used = front_end.limited(samples, self._blanked_s(ping))
-        echo = correlate(used)
+        echo = correlate(used, finely)
         blanking_m, last_m = self._blanking_m(ping), ping.range_max_m or np.inf
-        useful = self._ranges_m <= last_m * (1.0 + 1e-9)
-        echo[self._fine_m > last_m * (1.0 + 1e-9)] = 0.0
-        envelope = np.abs(echo[:: self.fold])
+        axis_m = self._fine_m if finely else self._ranges_m
+        echo[np.searchsorted(axis_m, last_m * (1.0 + 1e-9), 'right'):] = 0.0
+        envelope = np.abs(echo[:: self.fold] if finely else echo)
         noise = gauge(samples, used) if self._parameters.echo.kind == 'rf' else None
         if noise is None:
             noise = noise_from_envelope(envelope, ping.samples.size)
-        rho, sure = self._closest(envelope[useful], noise, blanking_m, width_m)
-        echo[self._fine_m < blanking_m * (1.0 - 1e-9)] = 0.0
-        envelope = np.abs(echo[:: self.fold])
+        useful = int(np.searchsorted(self._ranges_m, last_m * (1.0 + 1e-9), 'right'))
+        rho, sure = self._closest(envelope[:useful], noise, blanking_m, width_m)
+        echo[:np.searchsorted(axis_m, blanking_m * (1.0 - 1e-9))] = 0.0
+        envelope[:np.searchsorted(self._ranges_m, blanking_m * (1.0 - 1e-9))] = 0.0
         if self._parameters.front_end.flat_spreading:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
-        return Heard(echo, envelope, rho, noise, sure)
+        return Heard(echo if finely else _NO_ECHO, envelope, rho, noise, sure)
 
     def _closest(
         self, envelope: NDArray[np.floating], noise: float, blanking_m: float, width_m: float
@@ -242,7 +247,7 @@ class Listener:
         if self._parameters.echo.kind == 'rf':
             front_end = self._parameters.front_end
             wiener_noise = front_end.wiener_noise if front_end.filter == 'wiener' else None
-            return MatchedFilter(self._medium, pulse, self._fine_m, *key, wiener_noise)
+            return MatchedFilter(self._medium, pulse, self._fine_m, *key, self.fold, wiener_noise)
         return EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key)
 
 

@@ -154,3 +154,10 @@ def test_envelope_is_zero_where_no_sample_is():
     inside = (ranges >= 0.5 - 1e-9) & (ranges <= 1.0 + 1e-9)
     assert np.all(result[~inside] == 0)
     assert np.abs(result[inside]) == pytest.approx(1001**-0.5)
+
+
+def test_every_sixth_range_alone_is_every_sixth_of_all(plate):
+    ranges = np.arange(1801) * 1e-3
+    matched = MatchedFilter(plate, ToneBurst(1e5, 2.0), ranges, 2048, 1e-6, fold=6)
+    samples = np.random.default_rng(2).normal(size=2048)
+    np.testing.assert_allclose(matched(samples, finely=False), matched(samples)[::6], atol=1e-6)
