@@ -12,7 +12,6 @@ from polymap_ros.evaluation.trials import Trial, filled_mapper, judged, ready, r
 from polymap_ros.mapping.lines import iou
 from polymap_ros.mapping.paper_solver import PaperSolver
 from polymap_ros.mapping.pose import Pose
-from polymap_ros.mapping.solver import Evidence
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
@@ -78,7 +77,7 @@ class PaperExperiment:
         mapper = filled_mapper(scene, parameters)
         solver = PaperSolver(mapper.parameters)
         started = time.perf_counter()
-        solver.begin(Evidence(tuple(mapper.soundings), mapper.beam_map, mapper.free_area))
+        solver.begin(mapper.evidence)
         solver.advance(mapper.parameters.solver.iterations)
         estimate = solver.estimate()
         seconds = time.perf_counter() - started

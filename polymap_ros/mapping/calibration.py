@@ -149,8 +149,7 @@ def _hopeless(session: Session) -> str:
     if session.parameters.echo.kind != 'rf':
         return 'the echoes are envelopes, and without phase scales cannot be told well enough'
     evidence = session.evidence(session.parameters)
-    heard = sum(1 for sounding in evidence.soundings if sounding.echo.size)
-    if heard < MIN_PINGS:
+    if (heard := len(evidence.soundings)) < MIN_PINGS:
         return f'{heard} pings can be used; at least {MIN_PINGS} are needed'
     width = path_half_width(Snapshot.of(evidence))
     if width is not None:

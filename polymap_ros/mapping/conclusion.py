@@ -39,7 +39,7 @@ def conclude(
     cost : float, optional
         Value of eq. (5).
     """
-    pings, width = len(snapshot.positions), path_half_width(snapshot)
+    pings, width = int(snapshot.pings.sum()), path_half_width(snapshot)
     answer = Estimate('open', method, snapshot.stamp_ns, cost=cost)
     if pings < MIN_PINGS:
         return _with(answer, 'too_few_pings',
@@ -71,7 +71,7 @@ def _polygon(
     vertices, which = half_plane_polygon(lines)
     if len(which) == 0:
         return None
-    pings = feet_on_edges(vertices, snapshot.positions)
+    pings = feet_on_edges(vertices, snapshot.positions, snapshot.pings)
     edges = tuple(
         Edge(float(lines[k, 0]), float(lines[k, 1]), float(likelihood[k]), pings=int(count))
         for k, count in zip(which, pings, strict=True))
@@ -111,8 +111,8 @@ def mirrored(candidate: Candidate, positions: NDArray[np.float64]) -> Candidate:
 
 
 def _outside(snapshot: Snapshot, candidate: Candidate) -> int:
-    """How many positions lie beyond an edge by more than a step of the range axis."""
+    """How many pings lie beyond an edge by more than a step of the range axis."""
     r, theta = np.array([(edge.r, edge.theta) for edge in candidate.edges]).T
     beyond = snapshot.positions @ np.array((np.cos(theta), np.sin(theta))) - r
     step = snapshot.r_m[1] - snapshot.r_m[0]
-    return int(np.sum(np.any(beyond > step, axis=1)))
+    return int(snapshot.pings[np.any(beyond > step, axis=1)].sum())

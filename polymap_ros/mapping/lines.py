@@ -94,12 +94,13 @@ def polygon_lines(vertices: ArrayLike) -> NDArray[np.float64]:
     return np.column_stack((corners[:, 0] * np.cos(theta) + corners[:, 1] * np.sin(theta), theta))
 
 
-def feet_on_edges(vertices: ArrayLike, points: ArrayLike) -> NDArray[np.intp]:
-    """How many of the points (m, 2) have the foot of their perpendicular on each edge; shape (n,)."""
+def feet_on_edges(vertices: ArrayLike, points: ArrayLike, weights: ArrayLike = 1) -> NDArray[np.intp]:
+    """How many of the points (m, 2), each counted `weights` times, have their foot on each edge; shape (n,)."""
     corners, points = np.asarray(vertices, dtype=float), np.asarray(points, dtype=float)
     along = np.roll(corners, -1, axis=0) - corners
     share = np.einsum('mnk,nk->mn', points[:, None] - corners, along) / np.sum(along**2, axis=1)
-    count: NDArray[np.intp] = np.sum((share >= 0.0) & (share <= 1.0), axis=0)
+    inside = (share >= 0.0) & (share <= 1.0)
+    count: NDArray[np.intp] = np.sum(inside * np.reshape(np.asarray(weights, np.intp), (-1, 1)), axis=0)
     return count
 
 

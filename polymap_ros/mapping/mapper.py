@@ -16,6 +16,7 @@ from polymap_ros.mapping.free_grid import make_free_area
 from polymap_ros.mapping.listening import Later, Listener, at_once
 from polymap_ros.mapping.odometry_error import OdometryCorrection, OdometryError
 from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
+from polymap_ros.mapping.places import Places
 from polymap_ros.mapping.plane import XY, Placed, Plane, SpatialPose
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
@@ -58,7 +59,9 @@ class PolygonMapper:
     free_area : FreeArea
         A_T.
     soundings : list of Sounding
-        The pings used, in order of emission as far as they came in time.
+        The pings whose echoes are kept, in order of emission as far as they came in time.
+    places : Places
+        Where all pings were used.
     plane : Plane or None
         The mapping plane, in which all of this is; None until there was a pose.
     start_pose : Pose or None
@@ -73,6 +76,8 @@ class PolygonMapper:
         the first question for a frame that it will never know.
     tap : callable
         Is told of every ping that is used, and of the reported pose of the base at its emission.
+    placed : callable
+        Is told the stamp [ns] of every ping that now has its place in the map.
     behind : bool
         `go_on` has left something for the next time.
     missing_frame : str
@@ -90,7 +95,8 @@ class PolygonMapper:
         self.behind = False
         self.parameters = parameters
         self.locate: Callable[[str], Pose | None] = lambda _: Pose(parameters.sensor.x_m, parameters.sensor.y_m)
-        self.tap: Callable[[Ping, Pose], None] = lambda ping, base: None
+        self.tap: Callable[[Ping, Pose], None] = _nobody
+        self.placed: Callable[[int], None] = _nobody
         self._quarter_m2 = (0.5 * parameters.sensor.baseline_m) ** 2
         self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
         self.reset()
@@ -107,6 +113,7 @@ class PolygonMapper:
         area, step_m = self.parameters.free_area, self.parameters.grid.range_step_m
         self.free_area = make_free_area(area.model, area.cell_m or 2.0 * step_m, area.missed)
         self.soundings: list[Sounding] = []
+        self.places = Places()
         self._thinning = Thinning()
         self.plane: Plane | None = None
         self.start_pose: Pose | None = None
@@ -122,11 +129,12 @@ class PolygonMapper:
         either leave the other alone.
         """
         twin = copy.copy(self)
+        twin.tap = twin.placed = _nobody
         twin._track = self._track.copy()
         twin._queue, twin._common = self._queue.copy(twin._track), self._common.copy()
         twin._correction = copy.copy(self._correction)
         twin.beam_map, twin.free_area = self.beam_map.copy(), self.free_area.copy()
-        twin.soundings, twin._thinning = list(self.soundings), self._thinning.copy()
+        twin.soundings, twin._thinning, twin.places = list(self.soundings), self._thinning.copy(), self.places.copy()
         return twin
 
     def configure(self, parameters: Parameters) -> None:
@@ -149,11 +157,6 @@ class PolygonMapper:
     def newest_pose_ns(self) -> int | None:
         """Stamp of the newest pose [ns] that is believed; None while there is none."""
         return self._track.newest_ns
-
-    @property
-    def newest_ping_ns(self) -> int:
-        """Stamp of the ping that was used last [ns]; 0 while there is none."""
-        return self.soundings[-1].stamp_ns if self.soundings else 0
 
     @property
     def outliers(self) -> int:
@@ -226,14 +229,17 @@ class PolygonMapper:
     def _use(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
         """Pings with the sensor's place in the start frame."""
         for ping, place in placed:
-            echo, envelope, rho, noise, confidence = self._listener.hear(ping)  # eq. (3)
-            self.soundings.append(Sounding(
-                ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw))
-            self._thinning.add(self.soundings)
+            kept = self._thinning.wants(place.x, place.y)
+            echo, envelope, rho, noise, confidence = self._listener.hear(ping, finely=kept)  # eq. (3)
+            if kept:
+                self._thinning.add(self.soundings, Sounding(
+                    ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw))
+            self.places.add(ping.stamp_ns, place.x, place.y)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
             clear_m = float(np.sqrt(np.maximum(rho**2 - self._quarter_m2, 0.0)))
             self.free_area.add(place.x, place.y, clear_m, confidence)
+            self.placed(ping.stamp_ns)
 
     def _ready(self, ping: Ping) -> bool:
         located = self.locate(ping.frame_id) is not None
@@ -256,7 +262,7 @@ class PolygonMapper:
     @property
     def evidence(self) -> Evidence:
         """What a solver may look at."""
-        return Evidence(tuple(self.soundings), self.beam_map, self.free_area, self._listener.shape)
+        return Evidence(tuple(self.soundings), self.beam_map, self.free_area, self._listener.shape, self.places)
 
     def begin_solve(self) -> None:
         """Begin a solve on what has been heard so far."""
@@ -279,7 +285,7 @@ class PolygonMapper:
         """All that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
         return packed(self.parameters, {
             'frame': packed_frame(self.frame_id, self.start_pose, self.plane),
-            'soundings': packed_soundings(self.soundings),
+            'soundings': packed_soundings(self.soundings), 'places': self.places.state(),
             'track': self._track.state(), 'queue': self._queue.state(), 'common': self._common.state(),
             'odometry': self._correction.state(),
             'beam_map': self.beam_map.state(), 'free_area': self.free_area.state(),
@@ -302,10 +308,12 @@ class PolygonMapper:
             parts = unpacked(parameters, state)
             mapper.frame_id, mapper.start_pose, mapper.plane = unpacked_frame(parts['frame'])
             mapper.soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
-            mapper._thinning = Thinning.of(mapper.soundings)
-            for name, part in (('track', mapper._track), ('queue', mapper._queue), ('common', mapper._common),
-                               ('odometry', mapper._correction), ('beam_map', mapper.beam_map),
-                               ('free_area', mapper.free_area)):
+            mapper._thinning = Thinning(mapper.soundings)
+            for name, part in (
+                ('places', mapper.places), ('track', mapper._track), ('queue', mapper._queue),
+                ('common', mapper._common), ('odometry', mapper._correction), ('beam_map', mapper.beam_map),
+                ('free_area', mapper.free_area),
+            ):
                 part.restore(parts[name])
         except KeyError as error:
             raise StateError(f'the state holds no {error.args[0]}') from error
@@ -313,3 +321,7 @@ class PolygonMapper:
             raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
         mapper.resuming = parameters.odometry.on_jump_back == 'reset'
         return mapper
+
+
+def _nobody(*_: object) -> None:
+    """Is told, and does nothing."""

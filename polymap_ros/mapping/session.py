@@ -51,7 +51,7 @@ class Tape:
             self._forget(keep_from=len(self._poses) - KEPT_PINGS)
 
     def _forget(self, keep_from: int) -> None:
-        kept = {sounding.stamp_ns for sounding in self._mapper.soundings if sounding.echo.size}
+        kept = {sounding.stamp_ns for sounding in self._mapper.soundings}
         self._pings = {stamp_ns: entry for stamp_ns, entry in self._pings.items()
                        if stamp_ns in kept or entry[0] >= keep_from}
 

@@ -29,6 +29,8 @@ class Snapshot:
         The sensor's positions [m].
     stamp_ns : int
         Stamp of the last ping [ns].
+    pings : ndarray, shape (T,)
+        How many pings each of the positions stands for.
     """
 
     likelihood: NDArray[np.float32]
@@ -38,14 +40,14 @@ class Snapshot:
     region: Region
     positions: NDArray[np.float64]
     stamp_ns: int
+    pings: NDArray[np.int64]
 
     @classmethod
     def of(cls, evidence: Evidence) -> 'Snapshot':
         """Copy what may still change."""
-        soundings, beam_map = evidence.soundings, evidence.beam_map
+        places, beam_map = evidence.all_places, evidence.beam_map
         return cls(
             likelihood=beam_map.normalised(), r_m=beam_map.r_m, theta_rad=beam_map.theta_rad,
             full_circle=beam_map.full_circle, region=evidence.free_area.region,
-            positions=np.array([(sounding.x, sounding.y) for sounding in soundings], dtype=float).reshape(-1, 2),
-            stamp_ns=soundings[-1].stamp_ns if soundings else 0,
+            positions=places.positions, stamp_ns=places.last_ns, pings=places.pings,
         )

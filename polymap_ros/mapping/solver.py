@@ -7,18 +7,42 @@ from typing import Protocol
 from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.free_area import FreeArea
+from polymap_ros.mapping.places import Places
 from polymap_ros.mapping.pulse_shape import PulseShape
 from polymap_ros.mapping.sounding import Sounding
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """All that a solver may look at, in the start frame."""
+    """All that a solver may look at, in the start frame.
+
+    Parameters
+    ----------
+    soundings : sequence of Sounding
+        The pings whose echoes are kept.
+    beam_map, free_area
+        Of all pings.
+    pulse : PulseShape, optional
+        What an echo looks like.
+    places : Places, optional
+        Where all pings were used; where not given, those of the soundings are all.
+    """
 
     soundings: Sequence[Sounding]
     beam_map: BeamformingMap
     free_area: FreeArea
     pulse: PulseShape | None = None
+    places: Places | None = None
+
+    @property
+    def all_places(self) -> Places:
+        """Where all pings were used."""
+        if self.places is not None:
+            return self.places
+        places = Places()
+        for sounding in self.soundings:
+            places.add(sounding.stamp_ns, sounding.x, sounding.y)
+        return places
 
 
 class Solver(Protocol):

@@ -17,8 +17,7 @@ class Sounding:
     x, y : float
         Position of the sensor in the start frame [m].
     echo : ndarray, shape (n_fine,), complex64
-        Eq. (3) as an analytic signal over the fine axis; its real part is eq. (3), its magnitude the envelope. Empty
-        where the mapper keeps enough other pings from nearby.
+        Eq. (3) as an analytic signal over the fine axis; its real part is eq. (3), its magnitude the envelope.
     envelope : ndarray, shape (n_ranges,), float32
         e_i(r), the magnitude of `echo`.
     rho : float

@@ -11,31 +11,26 @@ from polymap_ros.mapping.sounding import Sounding
 
 
 def packed_soundings(soundings: Sequence[Sounding]) -> dict[str, NDArray[np.generic]]:
-    """All soundings as arrays, echoes where they are kept; the envelopes follow from the echoes."""
-    kept = [sounding.echo for sounding in soundings if sounding.echo.size]
+    """All soundings as arrays; the envelopes follow from the echoes."""
     return {
         'stamps_ns': np.array([sounding.stamp_ns for sounding in soundings], np.int64),
         'places': np.array([(each.x, each.y, each.rho, each.noise, each.confidence, each.yaw) for each in soundings],
                            dtype=float).reshape(-1, 6),
-        'kept': np.array([sounding.echo.size > 0 for sounding in soundings], np.bool_),
-        'echoes': np.array(kept, np.complex64) if kept else np.empty((0, 0), np.complex64),
+        'echoes': np.array([each.echo for each in soundings] or np.empty((0, 0)), np.complex64),
     }
 
 
 def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_fine: int, fold: int) -> list[Sounding]:
     """The soundings that `packed_soundings` packed, with echoes of `n_fine` ranges and envelopes of every `fold`-th."""
     stamps, places = np.asarray(state['stamps_ns'], np.int64), np.asarray(state['places'], float)
-    kept, echoes = np.asarray(state['kept'], np.bool_), np.asarray(state['echoes'], np.complex64)
+    echoes = np.asarray(state['echoes'], np.complex64)
     n = len(stamps)
-    shape = (int(kept.sum()), n_fine) if kept.any() else (0, 0)
-    if stamps.shape != (n,) or places.shape != (n, 6) or kept.shape != (n,) or echoes.shape != shape:
+    if stamps.shape != (n,) or places.shape != (n, 6) or echoes.shape != (n, n_fine if n else 0):
         raise StateError(f'{n} soundings do not match {places.shape} places and {echoes.shape} echoes')
     near = np.all(np.abs(places[:, :2]) <= FARTHEST_M)
     loud = np.all((places[:, 3] > 0.0) & np.isfinite(places[:, 3]))
     if not (near and loud and np.all(np.isfinite(places[:, 4:])) and np.all(np.isfinite(echoes))):
         raise StateError('the soundings are not finite')
-    rows = iter(echoes)
-    echoes_or_none = [next(rows) if is_kept else np.empty(0, np.complex64) for is_kept in kept]
     return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise, confidence, yaw)
             for stamp_ns, (x, y, rho, noise, confidence, yaw), echo
-            in zip(stamps.tolist(), places.tolist(), echoes_or_none, strict=True)]
+            in zip(stamps.tolist(), places.tolist(), echoes, strict=True)]

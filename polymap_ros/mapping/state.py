@@ -10,7 +10,7 @@ from polymap_ros.mapping.plane import Plane, SpatialPose
 from polymap_ros.mapping.pose import FARTHEST_M, Pose
 from polymap_ros.parameters import Parameters
 
-VERSION = 2
+VERSION = 3
 
 MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'free_area.', 'echo.kind', 'echo.t0_s',
              'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')

@@ -1,8 +1,7 @@
 """A bounded, spatially spread choice of the pings whose echoes are kept, so that work and memory do not grow."""
 
 import copy
-import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +11,6 @@ from polymap_ros.mapping.sounding import Sounding
 KEPT_PINGS = 96
 """Pings whose echoes are kept: half as many again as the paper's 60 bring the errors down by a fifth."""
 
-_NO_ECHO, _NO_ENVELOPE = np.empty(0, np.complex64), np.empty(0, np.float32)
-"""The same for all that gave way: a long drive has many of them."""
-
 
 class Thinning:
     """Where there are more than `KEPT_PINGS` echoes, one of the two that are closest to each other gives way.
@@ -23,42 +19,35 @@ class Thinning:
     one before it again and again. Else it is the one that has a third closer by, so that no gap grows.
     """
 
-    def __init__(self) -> None:
-        self._kept: list[int] = []
+    def __init__(self, kept: Iterable[Sounding] = ()) -> None:
         self._places = np.empty((0, 2))
         self._gaps: NDArray[np.float64] = np.empty((0, 0))
         self._least = 0.0  # no gap is smaller, once there are as many as are kept
-
-    @classmethod
-    def of(cls, soundings: Sequence[Sounding]) -> 'Thinning':
-        """The state in which these soundings were left."""
-        thinning = cls()
-        for index, sounding in enumerate(soundings):
-            if sounding.echo.size:
-                thinning._keep(index, sounding)
-        return thinning
+        for sounding in kept:
+            self._keep(sounding.x, sounding.y)
+        if len(self._places) == KEPT_PINGS:
+            self._least = float(self._gaps.min())
 
     def copy(self) -> 'Thinning':
         """The same state, to go on from apart."""
-        twin = copy.copy(self)
-        twin._kept = list(self._kept)
-        return twin
+        return copy.copy(self)
 
-    def add(self, soundings: list[Sounding]) -> None:
-        """Take the newest sounding in; another one may lose its echo."""
-        newest = len(soundings) - 1
-        if len(self._kept) == KEPT_PINGS and self._distances(soundings[newest]).min() < self._least:
-            index = newest
-        else:
-            self._keep(newest, soundings[newest])
-            if len(self._kept) <= KEPT_PINGS:
-                return
+    def wants(self, x: float, y: float) -> bool:
+        """Whether a ping from there would be kept; else its echo need not be worked out."""
+        return len(self._places) < KEPT_PINGS or bool(self._distances(x, y).min() >= self._least)
+
+    def add(self, soundings: list[Sounding], newest: Sounding) -> None:
+        """Take the newest sounding in among those that are kept; one of all may go."""
+        if not self.wants(newest.x, newest.y):
+            return
+        soundings.append(newest)
+        self._keep(newest.x, newest.y)
+        if len(soundings) > KEPT_PINGS:
             closest = self._closest()
-            index = self._kept.pop(closest)
+            del soundings[closest]
             self._places = np.delete(self._places, closest, 0)
             self._gaps = np.delete(np.delete(self._gaps, closest, 0), closest, 1)
             self._least = float(self._gaps.min())
-        soundings[index] = dataclasses.replace(soundings[index], echo=_NO_ECHO, envelope=_NO_ENVELOPE)
 
     def _closest(self) -> int:
         first = int(np.argmin(self._gaps.min(axis=1)))
@@ -68,15 +57,14 @@ class Thinning:
         third = np.partition(self._gaps[[first, second]], 1, axis=1)[:, 1]
         return first if third[0] < third[1] else second
 
-    def _keep(self, index: int, sounding: Sounding) -> None:
-        n = len(self._kept)
+    def _keep(self, x: float, y: float) -> None:
+        n = len(self._places)
         gaps = np.full((n + 1, n + 1), np.inf)
         gaps[:n, :n] = self._gaps
-        gaps[n, :n] = gaps[:n, n] = self._distances(sounding)
-        self._kept.append(index)
-        self._places, self._gaps = np.vstack((self._places, (sounding.x, sounding.y))), gaps
+        gaps[n, :n] = gaps[:n, n] = self._distances(x, y)
+        self._places, self._gaps = np.vstack((self._places, (x, y))), gaps
 
-    def _distances(self, sounding: Sounding) -> NDArray[np.float64]:
+    def _distances(self, x: float, y: float) -> NDArray[np.float64]:
         """Distances to all that are kept [m]."""
-        distances: NDArray[np.float64] = np.hypot(self._places[:, 0] - sounding.x, self._places[:, 1] - sounding.y)
+        distances: NDArray[np.float64] = np.hypot(self._places[:, 0] - x, self._places[:, 1] - y)
         return distances

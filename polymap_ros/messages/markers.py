@@ -74,8 +74,8 @@ class Drawing:
 def drawing_of(mapper: PolygonMapper) -> Drawing:
     """What a mapper has to show now, moved from its start frame to the mapping plane's."""
     start = mapper.start_pose or Pose(0.0, 0.0)
-    stride = max(1, -(-len(mapper.soundings) // MAX_PATH_POINTS))
-    path = np.array([[each.x, each.y] for each in mapper.soundings[::stride]]).reshape(-1, 2)
+    path = mapper.places.positions
+    path = path[::max(1, -(-len(path) // MAX_PATH_POINTS))]
     boundary = mapper.free_area.shape.boundary.simplify(0.5 * mapper.parameters.grid.range_step_m)
     rings = [np.asarray(ring.coords) for ring in getattr(boundary, 'geoms', [boundary]) if not ring.is_empty]
     return Drawing(mapper.frame_id, mapper.estimate, [start.apply(ring) for ring in rings], start.apply(path),

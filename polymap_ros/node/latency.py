@@ -16,12 +16,11 @@ class Latency:
     Parameters
     ----------
     mapper : PolygonMapper
-        Takes the pings.
+        Takes the pings; it tells which it has placed.
     """
 
     def __init__(self, mapper: PolygonMapper) -> None:
-        self._mapper = mapper
-        self._used = mapper.counts.used
+        mapper.placed = self._placed
         self._arrivals: dict[int, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=KEPT)
 
@@ -31,13 +30,10 @@ class Latency:
             del self._arrivals[next(iter(self._arrivals))]
         self._arrivals[stamp_ns] = received_ns
 
-    def settle(self) -> None:
-        """Look for pings that have been used since; called after whatever may have placed some."""
-        new, self._used = self._mapper.counts.used - self._used, self._mapper.counts.used
-        for sounding in self._mapper.soundings[-new:] if new > 0 else ():
-            received_ns = self._arrivals.pop(sounding.stamp_ns, None)
-            if received_ns is not None:
-                self._latencies_s.append(1e-9 * (time.time_ns() - received_ns))
+    def _placed(self, stamp_ns: int) -> None:
+        received_ns = self._arrivals.pop(stamp_ns, None)
+        if received_ns is not None:
+            self._latencies_s.append(1e-9 * (time.time_ns() - received_ns))
 
     def percentile_s(self, share: float) -> float:
         """Percentile [s] over the newest pings; nan where there was none."""

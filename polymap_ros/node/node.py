@@ -147,7 +147,6 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._settle()
 
     def _settle(self) -> None:
-        self._latency.settle()
         if self._mapper.behind:
             self._background.again()
 

@@ -140,8 +140,8 @@ class Outputs:
         if beam_map.count == self._mapped_pings:
             return
         self._mapped_pings = beam_map.count
-        stamp_ns = self._mapper.newest_ping_ns
-        self._beam_map.publish(outputs.beam_map_message(make, stamp_ns, self._start_frame, beam_map.values))
+        self._beam_map.publish(outputs.beam_map_message(
+            make, self._mapper.places.last_ns, self._start_frame, beam_map.values))
 
     def _repeat(self) -> None:
         for output in (self._polygon, self._markers, self._beam_map, self._map):

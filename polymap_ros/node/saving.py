@@ -125,7 +125,7 @@ def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> 
         files = stage / 'files'
         files.mkdir()
         write_results(files, mapper, estimate, parameters)
-        return _moved(files, (parent / f'{mapper.newest_ping_ns}-{n}' for n in itertools.count(1)))
+        return _moved(files, (parent / f'{mapper.places.last_ns}-{n}' for n in itertools.count(1)))
 
 
 def _moved(files: Path, targets: Iterator[Path]) -> Path:

@@ -18,7 +18,7 @@ AROUND = [(0.0, 0.0), (0.3, 0.0), (0.3, 0.4), (-0.2, 0.1), (-0.5, -0.3)]
 def snapshot(positions, free=None, step=0.005):
     free = shapely.Point(0.0, 0.0).buffer(0.5) if free is None else free
     return Snapshot(np.ones((4, 9), np.float32), step * np.arange(9), np.zeros(4), True, Region(free),
-                    np.array(positions, dtype=float).reshape(-1, 2), 77)
+                    np.array(positions, dtype=float).reshape(-1, 2), 77, np.ones(len(positions), int))
 
 
 def codes(estimate):

@@ -262,7 +262,7 @@ def test_a_state_goes_on_under_a_clock_that_began_anew():
     assert dataclasses.astuple(again.counts) == (23, 21, {'no_pose': 1}, 1)
     assert again.beam_map.count == 21
     assert again.start_pose == mapper.start_pose
-    assert again.newest_ping_ns == START + 9 * S // 2 + S // 4 < mapper.newest_ping_ns
+    assert again.places.last_ns == START + 9 * S // 2 + S // 4 < mapper.places.last_ns
 
 
 def test_pings_wait_for_the_first_pose_after_a_restored_state():

@@ -212,7 +212,8 @@ def test_the_estimate_is_the_filtered_last_state(heard):
 
 def square_snapshot(lines_m=1.0):
     region = Region(shapely.box(-lines_m, -lines_m, lines_m, lines_m))
-    return Snapshot(np.ones((4, 2), np.float32), np.array([0.0, 1.0]), np.zeros(4), True, region, np.zeros((9, 2)), 0)
+    return Snapshot(np.ones((4, 2), np.float32), np.array([0.0, 1.0]), np.zeros(4), True, region, np.zeros((9, 2)), 0,
+                    np.ones(9, int))
 
 
 CUT = (1.40, np.pi / 4)

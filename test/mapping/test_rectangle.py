@@ -18,7 +18,7 @@ def snapshot(likelihood, step_deg, first_deg=0.0, circle=True):
     n_theta, n_r = likelihood.shape
     theta = np.deg2rad(first_deg + step_deg * np.arange(n_theta))
     return Snapshot(likelihood.astype(np.float32), 0.1 * np.arange(n_r), theta, circle,
-                    Region(shapely.box(-1, -1, 1, 1)), np.zeros((3, 2)), 0)
+                    Region(shapely.box(-1, -1, 1, 1)), np.zeros((3, 2)), 0, np.ones(3, int))
 
 
 @pytest.mark.parametrize('step_deg', [30.0, 45.0, 10.0])

@@ -139,5 +139,5 @@ def test_a_compressed_state_is_refused_before_it_becomes_large(small, tmp_path):
 
 def test_a_state_of_another_version_says_which_is_needed(small):
     mapper, parameters = small
-    with pytest.raises(StateError, match='the state has version 99; allowed: 2'):
+    with pytest.raises(StateError, match='the state has version 99; allowed: 3'):
         PolygonMapper.from_state(parameters, {**mapper.state(), 'version': np.array(99)})
