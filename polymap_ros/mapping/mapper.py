@@ -186,7 +186,8 @@ class PolygonMapper:
             return False
         self.frame_id, self.plane = frame_id, plane or XY
         self.resuming = self.resuming and self._track.newest_ns == newest_ns
-        self.go_on()
+        if self._queue.due:
+            self.go_on()
         return True
 
     def add_ping(self, ping: Ping) -> None:

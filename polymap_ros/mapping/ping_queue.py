@@ -78,6 +78,13 @@ class PingQueue:
         self._taken.add(ping.emission_ns)
         heapq.heappush(self._heap, (ping.emission_ns, next(self._order), ping))
         self.counts.waiting = len(self._heap)
+        self._forget()
+
+    @property
+    def due(self) -> bool:
+        """Whether there is a ping that the odometry has come up to."""
+        newest_ns = self._track.newest_ns
+        return bool(self._heap) and newest_ns is not None and self._heap[0][0] <= newest_ns
 
     def refuse(self, reason: str, text: str) -> None:
         """Count a ping that was received and cannot even wait."""
@@ -94,8 +101,7 @@ class PingQueue:
 
         One that is not ready yet keeps those after it waiting.
         """
-        newest_ns = self._track.newest_ns
-        while self._heap and newest_ns is not None and self._heap[0][0] <= newest_ns and ready(self._heap[0][2]):
+        while self.due and ready(self._heap[0][2]):
             emission_ns, _, ping = heapq.heappop(self._heap)
             self.counts.waiting = len(self._heap)
             try:
@@ -106,7 +112,6 @@ class PingQueue:
             assert pose is not None, 'the track ends before its newest pose'
             self.counts.used += 1
             yield ping, pose
-        self._forget()
 
     def finish(self) -> None:
         """No more odometry will come: what still waits is dropped as ``no_pose``."""

@@ -1,6 +1,7 @@
 """A pose in the plane."""
 
 from dataclasses import dataclass
+from math import cos, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ class Pose:
     @property
     def is_sound(self) -> bool:
         """Whether this can be the pose of a robot: finite, and within `FARTHEST_M`."""
-        return all(abs(value) <= FARTHEST_M for value in (self.x, self.y, self.yaw))
+        return abs(self.x) <= FARTHEST_M and abs(self.y) <= FARTHEST_M and abs(self.yaw) <= FARTHEST_M
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (..., 2) given in this pose's frame into the frame it is expressed in."""
@@ -30,10 +31,10 @@ class Pose:
 
     def compose(self, other: 'Pose') -> 'Pose':
         """Express `other`, given in this pose's frame, in the frame this pose is expressed in."""
-        x, y = self.apply(np.array([other.x, other.y]))
-        return Pose(float(x), float(y), self.yaw + other.yaw)
+        c, s = cos(self.yaw), sin(self.yaw)
+        return Pose(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y, self.yaw + other.yaw)
 
     def inverse(self) -> 'Pose':
         """The pose of the outer frame, seen from this one."""
-        c, s = np.cos(self.yaw), np.sin(self.yaw)
-        return Pose(float(-c * self.x - s * self.y), float(s * self.x - c * self.y), -self.yaw)
+        c, s = cos(self.yaw), sin(self.yaw)
+        return Pose(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)

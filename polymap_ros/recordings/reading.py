@@ -2,11 +2,12 @@
 
 import heapq
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeAlias
 
 from polymap_ros.errors import RecordingError
 from polymap_ros.mapping.estimate import Caution
@@ -21,6 +22,8 @@ from polymap_ros.recordings.storage import MOST_NS, StoredFile
 _FOREVER_S = 1e9
 """Beyond any recording, and still within the 64 bits that log times have."""
 
+Reader: TypeAlias = Callable[[bytes], Any]
+
 
 class Topic(NamedTuple):
     """What a recording says it holds of one topic."""
@@ -30,7 +33,7 @@ class Topic(NamedTuple):
 
 
 class Entry(NamedTuple):
-    """One recorded message, as a dataclass of rosbags."""
+    """One recorded message, as a dataclass of rosbags or what a reader made of it."""
 
     topic: str
     type_name: str
@@ -154,7 +157,8 @@ class Recording:
         return {name: _field(description) for name, description in definitions[type_name][1]}
 
     def messages(
-        self, topics: Collection[str] | None = None, start_s: float | None = None, end_s: float | None = None
+        self, topics: Collection[str] | None = None, start_s: float | None = None, end_s: float | None = None,
+        readers: Mapping[str, Reader] = MappingProxyType({}),
     ) -> Iterator[Entry]:
         """Read messages in the order of their log time; those that cannot be decoded are counted in `damaged`.
 
@@ -164,6 +168,8 @@ class Recording:
             Recorded names; all topics where not given.
         start_s, end_s : float, optional
             Half-open interval of log time after the recording's first message [s].
+        readers : mapping of str to callable
+            By topic, what makes something quickly of a message's bytes; where that is None, they are decoded.
 
         Raises
         ------
@@ -175,11 +181,15 @@ class Recording:
         self._seen.clear()
         self.damaged.clear()
         streams = [file.messages(wanted, start_ns, end_ns) for file in self._files]
-        for log_ns, topic, type_name, data in heapq.merge(*streams, key=lambda message: message.log_ns):
+        ordered = streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda message: message.log_ns)
+        decode = self._definitions.store.deserialize_cdr
+        for log_ns, topic, type_name, data in ordered:
             self._seen[topic] += 1
             try:
                 content = message_of_zstd(data) if self._compression == 'message' else data
-                message = self._definitions.store.deserialize_cdr(content, type_name)
+                message = readers[topic](content) if topic in readers else None
+                if message is None:
+                    message = decode(content, type_name)
             except Exception:  # any parser error on damaged bytes; counted and reported by `cautions`
                 self.damaged[topic] += 1
                 continue

@@ -12,7 +12,7 @@ from polymap_ros.mapping.estimate import Caution
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import check_echo_fields
-from polymap_ros.messages.odometry import stamped_pose
+from polymap_ros.messages.odometry import odometry_from_cdr, stamped_pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Entry, Recording
 from polymap_ros.recordings.sensor_places import sensor_places
@@ -71,7 +71,7 @@ class Replay:
 
     def __iter__(self) -> Iterator[Entry]:
         """Feed the mapper; each message is given back once it was taken or dropped."""
-        for entry in self._recording.messages(self.topics, *self._interval):
+        for entry in self._recording.messages(self.topics, *self._interval, {self.odom_topic: odometry_from_cdr}):
             if entry.topic == self.odom_topic:
                 self._feed_odometry(entry)
             else:

@@ -4,15 +4,19 @@ import math
 
 import numpy as np
 import pytest
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from polymap_ros.errors import BadOdometry
 from polymap_ros.mapping.plane import XY
 from polymap_ros.mapping.pose import Pose
-from polymap_ros.messages.odometry import stamped_pose
+from polymap_ros.messages.odometry import odometry_from_cdr, stamped_pose
 from polymap_ros.messages.outputs import odometry_message
+from polymap_ros.recordings.writing import make as recorded
 
 ODOMETRY = 'nav_msgs/msg/Odometry'
+STORE = get_typestore(Stores.ROS2_JAZZY)
 
 
 @pytest.mark.parametrize('yaw', [0.0, 1.2, -3.0, math.pi, -0.5 * math.pi])
@@ -56,3 +60,38 @@ def test_orientation_never_filled_in_is_refused(make):
     message.pose.pose.orientation.w = 0.0
     with pytest.raises(BadOdometry, match='norm 0'):
         stamped_pose(message)
+
+
+def as_bytes(frame_id='odom', child='base', little_endian=True):
+    message = odometry_message(recorded, 1_700_000_000_123_456_789, frame_id, Pose(1.5, -2.5, 0.7))
+    message.child_frame_id = child
+    return bytes(STORE.serialize_cdr(message, ODOMETRY, little_endian=little_endian))
+
+
+@pytest.mark.parametrize('frame_id', ['', 'o', 'od', 'odo', 'odom', 'robot/odom'])
+@pytest.mark.parametrize('child', ['', 'b', 'ba', 'bas', 'base', 'robot/base_link'])
+def test_read_from_bytes_it_is_what_the_message_says(frame_id, child):
+    data = as_bytes(frame_id, child)
+    expected = stamped_pose(STORE.deserialize_cdr(data, ODOMETRY))
+    for padded in (data, data + bytes(3)):
+        assert stamped_pose(odometry_from_cdr(padded)) == expected
+
+
+def test_other_bytes_are_left_to_be_decoded_in_full():
+    assert odometry_from_cdr(as_bytes('\u00f6dom')) is None
+    assert odometry_from_cdr(as_bytes(little_endian=False)) is None
+    assert odometry_from_cdr(as_bytes() + bytes(4)) is None
+
+
+def test_bytes_that_cannot_be_decoded_are_not_read():
+    """Cut off anywhere, or with a byte changed in what comes before the numbers: the decoder has the last word."""
+    whole = as_bytes()
+    changed = [whole[:at] + bytes([value]) + whole[at + 1:] for at in range(40) for value in (0, 1, 7, 128, 255)]
+    for data in [whole[:at] for at in range(len(whole))] + changed:
+        quick = odometry_from_cdr(data)
+        try:
+            message = STORE.deserialize_cdr(data, ODOMETRY)
+        except SerdeError:
+            assert quick is None
+        else:
+            assert quick is None or stamped_pose(quick) == stamped_pose(message)
