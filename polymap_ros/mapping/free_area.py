@@ -12,12 +12,19 @@ from polymap_ros.mapping.region import Region
 QUADRANT_SEGMENTS = 16
 """A disc is an inscribed polygon of 64 corners: 0.16 % smaller in area, while eq. (10) asks for 1 %."""
 
+_INNER = float(np.cos(np.pi / (4 * QUADRANT_SEGMENTS)))
+"""Radius of the largest circle within such a polygon, as a share of the disc's."""
+
 _BLOCK = 64
 """Discs united at a time. The same discs in the same order give the same shape, whenever it is looked at."""
 
 
 class FreeArea:
-    """The union of discs, in the start frame."""
+    """The union of discs, in the start frame.
+
+    A disc whose `_INNER` circle is within those united before adds nothing but slivers, and is left out: else they
+    would grow in number with every round of the same path.
+    """
 
     def __init__(self) -> None:
         self._united: shapely.Geometry = shapely.Polygon()
@@ -70,8 +77,11 @@ class FreeArea:
         if not self._discs:
             return self._united
         x, y, rho = np.array(self._discs).T
-        discs = shapely.buffer(shapely.points(x, y), rho, quad_segs=QUADRANT_SEGMENTS)
-        return shapely.union_all([self._united, *discs])
+        centres, edge = shapely.points(x, y), self._united.boundary
+        shapely.prepare(edge)
+        new = shapely.dwithin(edge, centres, _INNER * rho) | ~shapely.contains(self._united, centres)
+        discs = shapely.buffer(centres[new], rho[new], quad_segs=QUADRANT_SEGMENTS)
+        return shapely.union_all([self._united, *discs]) if new.any() else self._united
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on, as arrays."""

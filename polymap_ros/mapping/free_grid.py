@@ -1,5 +1,8 @@
 """A_T as a grid of probabilities, in the spirit of [11] of the paper: a few wrong ranges do not spoil it."""
 
+import copy
+from math import hypot
+
 import numpy as np
 import scipy.ndimage
 import shapely
@@ -42,22 +45,24 @@ class FreeGrid(FreeArea):
         self._cell, self._vote = cell_m, float(np.log(missed))
         self._odds = np.zeros((0, 0), np.float32)
         self._corner = np.zeros(2, np.int64)
-        self._places: list[tuple[float, float]] = []
+        self._visited = np.zeros((0, 0), np.bool_)
+        self._last = (np.nan, np.nan)
 
     def copy(self) -> 'FreeGrid':
         """A grid of its own with the same cells."""
-        twin = FreeGrid(self._cell, float(np.exp(self._vote)))
-        twin._odds, twin._corner, twin._places = self._odds.copy(), self._corner.copy(), list(self._places)
+        twin = copy.copy(self)
+        twin._odds, twin._visited = self._odds.copy(), self._visited.copy()
         return twin
 
     def add(self, x: float, y: float, rho: float, confidence: float = 1.0) -> None:
         """Take the closest range of one ping [m] in; nan says nothing."""
-        if not rho > 0.0 or (self._places and np.hypot(x - self._places[-1][0], y - self._places[-1][1]) < self._cell):
+        if not rho > 0.0 or hypot(x - self._last[0], y - self._last[1]) < self._cell:
             return
-        self._places.append((x, y))
-        self._region = None
+        self._last, self._region = (x, y), None
         place = np.array((x, y))
         self._make_room(place - rho, place + rho)
+        column, row = self._cells(place) - self._corner
+        self._visited[row, column] = True
         low, high = self._cells(place - rho) - self._corner, self._cells(place + rho) + 1 - self._corner
         along, across = ((np.arange(low[k], high[k]) + self._corner[k] + 0.5) * self._cell - place[k] for k in (0, 1))
         away = np.hypot(along, across[:, None]) - rho
@@ -86,21 +91,24 @@ class FreeGrid(FreeArea):
         first = (first - _MARGIN) // 2 * 2
         size = (last + _MARGIN - first + 1) // 2 * 2
         odds = np.zeros((int(size[1]), int(size[0])), np.float32)
+        visited = np.zeros(odds.shape, np.bool_)
         x, y = self._corner - first
         odds[y:y + before[1], x:x + before[0]] = self._odds
-        self._odds, self._corner = odds, first
+        visited[y:y + before[1], x:x + before[0]] = self._visited
+        self._odds, self._visited, self._corner = odds, visited, first
         if odds.size > _MAX_CELLS:
-            self._odds = odds.reshape(size[1] // 2, 2, size[0] // 2, 2).mean(axis=(1, 3))
+            fours = size[1] // 2, 2, size[0] // 2, 2
+            self._odds = odds.reshape(fours).mean(axis=(1, 3))
+            self._visited = visited.reshape(fours).max(axis=(1, 3))
             self._corner, self._cell = first // 2, 2.0 * self._cell
             self._make_room(low_m, high_m)
 
     def _with_discs(self) -> shapely.Geometry:
         """The free cells that are connected with the path."""
-        if not self._places:
+        if not self._visited.any():
             return shapely.Polygon()
         labels, _ = scipy.ndimage.label(self._odds + _PRIOR < 0.0)
-        x, y = (self._cells(np.array(self._places)) - self._corner).T
-        visited = np.unique(labels[y, x])
+        visited = np.unique(labels[self._visited])
         free = np.isin(labels, visited[visited > 0])
         edge = np.diff(np.pad(free, ((0, 0), (1, 1))).astype(np.int8), axis=1)
         (row, left), (_, right) = np.nonzero(edge == 1), np.nonzero(edge == -1)
@@ -112,19 +120,18 @@ class FreeGrid(FreeArea):
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on, as arrays."""
         return {'odds': self._odds, 'corner': self._corner, 'cell': np.array(self._cell),
-                'places': np.array(self._places, dtype=float).reshape(-1, 2)}
+                'visited': self._visited, 'last': np.array(self._last)}
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
         odds, corner = np.asarray(state['odds'], np.float32), np.asarray(state['corner'], np.int64)
-        places, cell = np.asarray(state['places'], float), float(state['cell'])
-        if odds.ndim != 2 or corner.shape != (2,) or places.ndim != 2 or places.shape[1] != 2:
+        visited, last, cell = np.asarray(state['visited'], np.bool_), np.asarray(state['last']), float(state['cell'])
+        if odds.ndim != 2 or corner.shape != (2,) or visited.shape != odds.shape or last.shape != (2,):
             raise StateError('the free area is no grid')
-        inside = np.floor(places / cell) - corner if cell > 0.0 else np.full((1, 2), -1.0)
-        if not (np.all(np.isfinite(odds)) and np.all((inside >= 0.0) & (inside < odds.shape[::-1]))):
-            raise StateError('the free area is no grid about the path')
-        self._odds, self._corner, self._cell = odds.copy(), corner, cell
-        self._places, self._region = [(x, y) for x, y in places.tolist()], None
+        if not (np.all(np.isfinite(odds)) and 0.0 < cell < np.inf):
+            raise StateError('the free area is no grid of finite numbers')
+        self._odds, self._visited, self._corner, self._cell = odds.copy(), visited.copy(), corner, cell
+        self._last, self._region = (float(last[0]), float(last[1])), None
 
 
 def make_free_area(model: str, cell_m: float, missed: float) -> FreeArea:

@@ -120,11 +120,12 @@ class Listener:
         if end_s < needed_s:
             raise BadPing('too_short', f'{samples.size} samples end {end_s:g} s after emission; an echo from beyond '
                                        f'the blanking is over after {needed_s:g} s')
-        if not np.all(np.isfinite(samples)):
-            raise BadPing('bad_samples', f'{np.sum(~np.isfinite(samples))} of {samples.size} samples are not finite')
-        if not np.any(samples):
-            raise BadPing('bad_samples', f'all {samples.size} samples are zero')
         if not FAINTEST <= (peak := float(np.max(np.abs(samples)))) <= LOUDEST:
+            if not np.isfinite(peak):
+                bad = np.sum(~np.isfinite(samples))
+                raise BadPing('bad_samples', f'{bad} of {samples.size} samples are not finite')
+            if peak == 0.0:
+                raise BadPing('bad_samples', f'all {samples.size} samples are zero')
             raise BadPing('bad_samples', f'the largest sample is {peak:g}; allowed: {FAINTEST:g} to {LOUDEST:g}')
         self._check_converter(ping)
 

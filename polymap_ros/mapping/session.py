@@ -1,6 +1,7 @@
 """Poses and pings that are kept, to be heard again with other parameters."""
 
 import dataclasses
+from array import array
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -39,16 +40,20 @@ class Tape:
 
     def __init__(self, mapper: PolygonMapper) -> None:
         self._mapper = mapper
-        self._poses: list[tuple[float, float, float]] = []
+        self._poses = array('d')
         self._pings: dict[int, tuple[int, Ping]] = {}
         mapper.tap = self._take
 
     def _take(self, ping: Ping, base: Pose) -> None:
-        self._pings[ping.stamp_ns] = len(self._poses), ping
-        self._poses.append((base.x, base.y, base.yaw))
+        self._pings[ping.stamp_ns] = self._count, ping
+        self._poses.extend((base.x, base.y, base.yaw))
         if len(self._pings) >= _MOST_PINGS:
             # Of the newest, some may not have reached the soundings yet.
-            self._forget(keep_from=len(self._poses) - KEPT_PINGS)
+            self._forget(keep_from=self._count - KEPT_PINGS)
+
+    @property
+    def _count(self) -> int:
+        return len(self._poses) // 3
 
     def _forget(self, keep_from: int) -> None:
         kept = {sounding.stamp_ns for sounding in self._mapper.soundings}
@@ -57,7 +62,7 @@ class Tape:
 
     def session(self, recorded_pulse: NDArray[np.float64] | None = None) -> 'Session':
         """What is kept, to be heard again; `recorded_pulse` as in `PolygonMapper`."""
-        self._forget(keep_from=len(self._poses))
+        self._forget(keep_from=self._count)
         mapper = self._mapper
         entries = sorted(self._pings.values(), key=lambda entry: entry[0])
         return Session(mapper.parameters, np.array(self._poses).reshape(-1, 3), [at for at, _ in entries],

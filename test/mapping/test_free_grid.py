@@ -116,7 +116,7 @@ def test_copies_and_saved_grids_go_on_alike_and_on_their_own():
     assert copied.area == saved.area == filled(WALLS[:, 0]).area
 
 
-@pytest.mark.parametrize('wrong', [{'odds': np.zeros(3)}, {'places': np.array([[50.0, 0.0]])}, {'cell': np.array(0.0)}])
+@pytest.mark.parametrize('wrong', [{'odds': np.zeros(3)}, {'visited': np.zeros((2, 2))}, {'cell': np.array(0.0)}])
 def test_a_damaged_state_is_refused(wrong):
     with pytest.raises(StateError, match='free area'):
         FreeGrid(0.01, 0.2).restore(filled(WALLS[:, 0]).state() | wrong)
