@@ -93,6 +93,7 @@ class Listener:
         self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
+        self._noise_matters = parameters.free_area.false_alarm > 0.0 or parameters.free_area.model == 'grid'
 
     def check(self, ping: Ping) -> None:
         """Raise `BadPing` with the reason if a ping cannot be used wherever it was taken.
@@ -143,7 +144,8 @@ class Listener:
     def hear(self, ping: Ping, finely: bool = True) -> Heard:
         """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range.
 
-        Not finely: without the echo on the fine axis, which takes most of the work.
+        Not finely: without the echo on the fine axis, which takes most of the work, and without the noise where
+        nothing else depends on it; then that and the confidence are nan.
         """
         correlate, gauge, front_end, width_m = self._filter(ping)
         samples = front_end.levelled(ping.samples)
@@ -153,9 +155,10 @@ class Listener:
         axis_m = self._fine_m if finely else self._ranges_m
         echo[np.searchsorted(axis_m, last_m * (1.0 + 1e-9), 'right'):] = 0.0
         envelope = np.abs(echo[:: self.fold] if finely else echo)
-        noise = gauge(samples, used) if self._parameters.echo.kind == 'rf' else None
-        if noise is None:
-            noise = noise_from_envelope(envelope, ping.samples.size)
+        noise = np.nan
+        if finely or self._noise_matters:
+            gauged = gauge(samples, used) if self._parameters.echo.kind == 'rf' else None
+            noise = noise_from_envelope(envelope, ping.samples.size) if gauged is None else gauged
         useful = int(np.searchsorted(self._ranges_m, last_m * (1.0 + 1e-9), 'right'))
         rho, sure = self._closest(envelope[:useful], noise, blanking_m, width_m)
         echo[:np.searchsorted(axis_m, blanking_m * (1.0 - 1e-9))] = 0.0
@@ -172,7 +175,7 @@ class Listener:
         axis = noise, self._step_m, blanking_m, width_m
         rho = (first_echo(envelope, *axis, false_alarm) if false_alarm
                else closest_range(envelope, self._step_m, blanking_m))
-        return rho, confidence(envelope, *axis, rho)
+        return rho, confidence(envelope, *axis, rho) if np.isfinite(noise) else np.nan
 
     def signals(self, ping: Ping, cleaned: Ping) -> Signals:
         """What `hear` makes of a ping, and what was made of it before."""
