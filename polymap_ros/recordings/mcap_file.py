@@ -4,13 +4,13 @@ rosbags and mcap's own readers give up where a file has no end, and rosbags unpa
 The records themselves are parsed by the package mcap. See https://mcap.dev/spec.
 """
 
-import heapq
 import struct
 import zlib
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator
 from io import BytesIO
-from itertools import count
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -84,27 +84,23 @@ class McapFile:
 
     def messages(self, topics: Collection[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
         """The sound messages of some topics within a half-open interval, by log time; see `faults` afterwards."""
-        wanted = {number: channel for number, channel in self._channels.items() if channel.topic in topics}
-        waiting: list[tuple[int, int, int, bytes]] = []
-        size, order = 0, count()
+        wanted = {number: (channel.topic, self._type_of(channel))
+                  for number, channel in self._channels.items() if channel.topic in topics}
+        waiting: list[tuple[int, int, bytes]] = []
         for piece in sorted(self._pieces):
             if piece.end_ns < start_ns or piece.start_ns >= end_ns:
                 continue
-            while waiting and waiting[0][0] < piece.start_ns:
-                size -= len(waiting[0][3])
-                yield self._message(*heapq.heappop(waiting))
-            for log_ns, number, data in self._read(piece):
-                if start_ns <= log_ns < end_ns and number in wanted:
-                    heapq.heappush(waiting, (log_ns, next(order), number, data))
-                    size += len(data)
-            if size > 4 * MOST_BYTES:
+            done = bisect_left(waiting, piece.start_ns, key=itemgetter(0))
+            for log_ns, number, data in waiting[:done]:
+                yield RawMessage(log_ns, *wanted[number], data)
+            del waiting[:done]
+            waiting += [message for message in self._read(piece)
+                        if start_ns <= message[0] < end_ns and message[1] in wanted]
+            waiting.sort(key=itemgetter(0))
+            if (size := sum(len(data) for _, _, data in waiting)) > 4 * MOST_BYTES:
                 raise RecordingError(f'{self.path}: is out of order: more than {size} bytes of chunks of the same time')
-        while waiting:
-            yield self._message(*heapq.heappop(waiting))
-
-    def _message(self, log_ns: int, order: int, number: int, data: bytes) -> RawMessage:
-        channel = self._channels[number]
-        return RawMessage(log_ns, channel.topic, self._type_of(channel), data)
+        for log_ns, number, data in waiting:
+            yield RawMessage(log_ns, *wanted[number], data)
 
     def _survey(self) -> None:
         """Find the chunks, and what lies outside of them; the chunks themselves are not read."""
