@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.noise import median
+from polymap_ros.jit import kernel
 
 RELATIVE_THRESHOLD = 0.3
 """A peak counts from this share of the strongest one. Echoes of a lossless plate add up, so that the closest wall
@@ -31,10 +32,10 @@ def closest_range(envelope: NDArray[np.floating], step_m: float, blanking_m: flo
     float
         Range of the first local maximum above the threshold, refined by a parabola; nan if there is none.
     """
-    e, first = np.asarray(envelope, dtype=float), _first_cell(step_m, blanking_m)
+    e, first = envelope, _first_cell(step_m, blanking_m)
     if len(e) < first + 2:
         return float('nan')
-    threshold = max(RELATIVE_THRESHOLD * e[first:].max(), NOISE_FACTOR * median(e[first:]))
+    threshold = max(RELATIVE_THRESHOLD * float(e[first:].max()), NOISE_FACTOR * median(e[first:]))
     return _first_peak(e, first, threshold, step_m)
 
 
@@ -60,7 +61,7 @@ def first_echo(
     false_alarm : float
         Share of the pings without echoes in which noise is taken for one.
     """
-    e, first = np.asarray(envelope, dtype=float), _first_cell(step_m, blanking_m)
+    e, first = envelope, _first_cell(step_m, blanking_m)
     if len(e) < first + 2:
         return float('nan')
     expected = -np.log1p(-false_alarm) / max((len(e) - first) * step_m / width_m, 1.0)
@@ -88,12 +89,19 @@ def _first_cell(step_m: float, blanking_m: float) -> int:
     return max(1, int(np.ceil(blanking_m / step_m - 1e-9)))
 
 
-def _first_peak(e: NDArray[np.float64], first: int, threshold: float, step_m: float) -> float:
+def _first_peak(e: NDArray[np.floating], first: int, threshold: float, step_m: float) -> float:
     """Range of the first local maximum from a cell on, and above a threshold, refined by a parabola."""
-    middle = e[first:-1]
-    peaks = np.flatnonzero((middle >= threshold) & (middle > e[first - 1:-2]) & (middle >= e[first + 1:]))
-    if len(peaks) == 0:
+    at = _peak_from(e, first, threshold)
+    if at < 0:
         return float('nan')
-    at = first + int(peaks[0])
-    left, top, right = e[at - 1:at + 2]
-    return float(step_m * (at + 0.5 * (left - right) / (left - 2.0 * top + right)))
+    left, top, right = map(float, e[at - 1:at + 2])
+    return step_m * (at + 0.5 * (left - right) / (left - 2.0 * top + right))
+
+
+@kernel
+def _peak_from(e: NDArray[np.floating], first: int, threshold: float) -> int:
+    """Index of the first local maximum from a cell on, and at or above a threshold; -1 if there is none."""
+    for i in range(first, len(e) - 1):
+        if e[i] >= threshold and e[i] > e[i - 1] and e[i] >= e[i + 1]:
+            return i
+    return -1

@@ -17,7 +17,7 @@ from polymap_ros.mapping.listening import Later, Listener, at_once
 from polymap_ros.mapping.odometry_error import OdometryCorrection, OdometryError
 from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
 from polymap_ros.mapping.places import Places
-from polymap_ros.mapping.plane import XY, Placed, Plane, SpatialPose
+from polymap_ros.mapping.plane import XY, Plane, SpatialPose
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
 from polymap_ros.mapping.signals import Signals
@@ -176,15 +176,12 @@ class PolygonMapper:
         if self.resuming and newest_ns is not None and newest_ns - stamp_ns > 1e9 * self.parameters.odometry.max_gap_s:
             self._track = self._track.emptied()
             self._queue.restart(self._track)
-        plane = self.plane
-        if isinstance(pose, SpatialPose):
-            plane = plane or Plane.of(self.parameters.odometry.plane, pose)
-            placed = plane.place(pose)
-        else:
-            placed = Placed(pose)
-        if not self._track.add(stamp_ns, placed):
+        if not self._track.add(stamp_ns, pose):
             return False
-        self.frame_id, self.plane = frame_id, plane or XY
+        if self.plane is None:
+            kind = self.parameters.odometry.plane
+            self.plane = self._track.plane = Plane.of(kind, pose) if isinstance(pose, SpatialPose) else XY
+        self.frame_id = frame_id
         self.resuming = self.resuming and self._track.newest_ns == newest_ns
         if self._queue.due:
             self.go_on()
@@ -310,6 +307,7 @@ class PolygonMapper:
             mapper.frame_id, mapper.start_pose, mapper.plane = unpacked_frame(parts['frame'])
             mapper.soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
             mapper._thinning = Thinning(mapper.soundings)
+            mapper._track.plane = mapper.plane or XY
             for name, part in (
                 ('places', mapper.places), ('track', mapper._track), ('queue', mapper._queue),
                 ('common', mapper._common), ('odometry', mapper._correction), ('beam_map', mapper.beam_map),

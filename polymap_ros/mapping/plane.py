@@ -2,13 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import acos, atan2, hypot
+from math import acos, atan2, hypot, inf
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.mapping.pose import FARTHEST_M, Pose
 
 Vector = tuple[float, float, float]
 
@@ -19,6 +19,12 @@ class SpatialPose:
 
     position: Vector
     orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether this can be the pose of a robot: a rotation at a finite place within `FARTHEST_M`."""
+        (x, y, z), length = self.position, hypot(*self.orientation)
+        return abs(x) <= FARTHEST_M and abs(y) <= FARTHEST_M and abs(z) <= FARTHEST_M and 0.0 < length < inf
 
     @property
     def forward(self) -> Vector:
@@ -59,6 +65,11 @@ class Placed(NamedTuple):
     pose: Pose
     height_m: float = 0.0
     tilt_rad: float = 0.0
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether this can be the pose of a robot."""
+        return self.pose.is_sound
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import BadPing, StateError
-from polymap_ros.mapping.plane import Placed
+from polymap_ros.mapping.plane import XY, Placed, SpatialPose
 from polymap_ros.mapping.pose import FARTHEST_M, Pose
 from polymap_ros.parameters import OdometryParameters
 
@@ -20,6 +20,8 @@ _TRIM = 256
 class PoseTrack:
     """Poses by stamp, as far back as `odometry.buffer_s`; positions and headings between two are interpolated.
 
+    Poses in space are placed in the plane only where they are needed: of ten, two lie about a ping.
+
     Parameters
     ----------
     parameters : OdometryParameters
@@ -27,6 +29,8 @@ class PoseTrack:
 
     Attributes
     ----------
+    plane : Plane
+        The mapping plane, in which poses in space are placed.
     outliers : int
         Poses that were stamped far ahead of those that came after them, and are left out.
     """
@@ -36,8 +40,9 @@ class PoseTrack:
         self._max_gap_ns = round(parameters.max_gap_s * _NS)
         self._max_tilt_deg, self._max_height_m = parameters.max_tilt_deg, parameters.max_height_m
         self._stamps: list[int] = []
-        self._poses: list[Placed] = []
-        self._held: tuple[int, Placed] | None = None
+        self._poses: list[Placed | SpatialPose] = []
+        self._held: tuple[int, Placed | SpatialPose] | None = None
+        self.plane = XY
         self.outliers = 0
 
     def copy(self) -> 'PoseTrack':
@@ -65,31 +70,32 @@ class PoseTrack:
         """Earlier times [ns] are forgotten; None while there is no pose."""
         return self._stamps[-1] - self._buffer_ns if self._stamps else None
 
-    def add(self, stamp_ns: int, pose: Pose | Placed) -> bool:
+    def add(self, stamp_ns: int, pose: Pose | Placed | SpatialPose) -> bool:
         """Append a pose; False, and not taken, if its stamp is not after the newest one or it cannot be a robot's.
 
         One stamped further ahead than a gap may be is held back until a later one confirms that time has gone on: a
         single wild stamp would make all that is true come too late. So is the first one, where the second comes as far
         before it.
         """
-        placed = pose if isinstance(pose, Placed) else Placed(pose)
-        if not placed.pose.is_sound:
+        if not pose.is_sound:
             return False
+        if isinstance(pose, Pose):
+            pose = Placed(pose)
         if len(self._stamps) == 1 and stamp_ns < self._stamps[0] - self._max_gap_ns:
             self._hold(self._stamps.pop(), self._poses.pop())
-            self._append(stamp_ns, placed)
+            self._append(stamp_ns, pose)
             return True
         if self._stamps and stamp_ns <= self._stamps[-1]:
             return False
         if self._stamps and stamp_ns > self._stamps[-1] + self._max_gap_ns:
             if self._held is None or stamp_ns <= self._held[0]:
-                self._hold(stamp_ns, placed)
+                self._hold(stamp_ns, pose)
                 return True
             self._append(*self._held)
         else:
             self.outliers += self._held is not None
         self._held = None
-        self._append(stamp_ns, placed)
+        self._append(stamp_ns, pose)
         return True
 
     def finish(self) -> None:
@@ -98,13 +104,13 @@ class PoseTrack:
             self._append(*self._held)
             self._held = None
 
-    def _hold(self, stamp_ns: int, placed: Placed) -> None:
+    def _hold(self, stamp_ns: int, pose: Placed | SpatialPose) -> None:
         self.outliers += self._held is not None
-        self._held = stamp_ns, placed
+        self._held = stamp_ns, pose
 
-    def _append(self, stamp_ns: int, placed: Placed) -> None:
+    def _append(self, stamp_ns: int, pose: Placed | SpatialPose) -> None:
         self._stamps.append(stamp_ns)
-        self._poses.append(placed)
+        self._poses.append(pose)
         # The pose before the horizon stays: it brackets the times just after the horizon.
         expired = bisect_right(self._stamps, stamp_ns - self._buffer_ns) - 1
         if expired >= _TRIM:
@@ -131,13 +137,17 @@ class PoseTrack:
             raise BadPing('no_pose', f'emitted {early_s:.3f} s before the first odometry')
         before = after - 1
         if self._stamps[before] == stamp_ns:
-            return self._on_plane(self._poses[before])
+            return self._on_plane(self._placed(self._poses[before]))
         gap_ns = self._stamps[after] - self._stamps[before]
         if gap_ns > self._max_gap_ns:
             raise BadPing('pose_gap', f'emitted within a gap of {gap_ns / _NS:.3f} s in the odometry; '
                                       f'odometry.max_gap_s allows {self._max_gap_ns / _NS:g} s')
         share = (stamp_ns - self._stamps[before]) / gap_ns
-        return self._on_plane(_between(self._poses[before], self._poses[after], share))
+        first, second = map(self._placed, self._poses[before:after + 1])
+        return self._on_plane(_between(first, second, share))
+
+    def _placed(self, pose: Placed | SpatialPose) -> Placed:
+        return self.plane.place(pose) if isinstance(pose, SpatialPose) else pose
 
     def _on_plane(self, placed: Placed) -> Pose:
         tilt_deg = float(np.rad2deg(placed.tilt_rad))
@@ -153,7 +163,7 @@ class PoseTrack:
         """All that is needed to go on, as arrays."""
         held = [] if self._held is None else [self._held]
         rows = [(pose.x, pose.y, pose.yaw, height_m, tilt_rad)
-                for pose, height_m, tilt_rad in [*self._poses, *(placed for _, placed in held)]]
+                for pose, height_m, tilt_rad in map(self._placed, [*self._poses, *(pose for _, pose in held)])]
         return {
             'stamps_ns': np.array([*self._stamps, *(stamp_ns for stamp_ns, _ in held)], dtype=np.int64),
             'poses': np.array(rows, dtype=float).reshape(-1, 5),
@@ -171,7 +181,7 @@ class PoseTrack:
         if not 0 <= held <= min(1, len(stamps)):
             raise StateError(f'{held} poses are held back of {len(stamps)}')
         placed = [Placed(Pose(x, y, yaw), height_m, tilt_rad) for x, y, yaw, height_m, tilt_rad in poses.tolist()]
-        self._stamps, self._poses, self.outliers = stamps.tolist(), placed, outliers
+        self._stamps, self._poses, self.outliers = stamps.tolist(), [*placed], outliers
         self._held = (self._stamps.pop(), self._poses.pop()) if held else None
 
 
