@@ -2,7 +2,7 @@
 
 import time
 import tracemalloc
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from polymap_ros.evaluation.speed_experiment import Drive
@@ -73,6 +73,8 @@ def _over_pings(parameters: Parameters, most: int) -> Iterator[Growth]:
         drive.go(size - before - MANY // 4)
         seconds = _seconds(drive, MANY // 4)
         yield Growth('pings', size, 'ping', seconds, _held_mb())
+        drive.mapper.solve()  # from scratch at first, which the next one is not
+        yield Growth('pings', size, 'solve, warm', _seconds_of(drive.mapper.solve), _held_mb())
         before, size = size, 10 * size
 
 
@@ -87,9 +89,7 @@ def _over_lines(parameters: Parameters) -> Iterator[Growth]:
         drive = _drive(parameters.replaced({'solver.method': 'paper', 'solver.max_edges': lines}), 4096)
         drive.go(60)
         drive.mapper.solve()  # what is loaded on first use
-        begun_s = time.process_time()
-        drive.mapper.solve()
-        yield Growth('lines K', lines, 'solve, method paper', time.process_time() - begun_s, _held_mb())
+        yield Growth('lines K', lines, 'solve, method paper', _seconds_of(drive.mapper.solve), _held_mb())
 
 
 def _drive(parameters: Parameters, n_samples: int) -> Drive:
@@ -101,9 +101,13 @@ def _drive(parameters: Parameters, n_samples: int) -> Drive:
 
 
 def _seconds(drive: Drive, pings: int) -> float:
+    return _seconds_of(lambda: drive.go(pings)) / pings
+
+
+def _seconds_of(work: Callable[[], object]) -> float:
     begun_s = time.process_time()
-    drive.go(pings)
-    return (time.process_time() - begun_s) / pings
+    work()
+    return time.process_time() - begun_s
 
 
 def _held_mb() -> float:

@@ -98,7 +98,8 @@ def test_growth_over_what_may_grow(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('polymap_ros.evaluation.growth.LINES', (5,))
     assert main(['speed', '--growth', '100', '--output', str(tmp_path)]) == 0
     assert [(row['over'], row['size']) for row in rows(tmp_path / 'results.csv')] == [
-        ('pings', '100'), ('samples', '512'), ('samples', '1024'), ('cells of the grid', '13500'), ('lines K', '5')]
+        ('pings', '100'), ('pings', '100'), ('samples', '512'), ('samples', '1024'), ('cells of the grid', '13500'),
+        ('lines K', '5')]
     assert all(float(row['seconds']) > 0.0 and float(row['memory_mb']) > 0.0 for row in rows(tmp_path / 'results.csv'))
 
 
