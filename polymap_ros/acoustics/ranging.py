@@ -1,5 +1,7 @@
 """The closest range rho of a ping: the first peak of its envelope that stands out, and how sure it is an echo."""
 
+from math import isfinite
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -78,7 +80,7 @@ def confidence(
 
     Parameters as in `first_echo`; 0 where `rho` is nan.
     """
-    if not np.isfinite(rho):
+    if not isfinite(rho):
         return 0.0
     height = float(envelope[min(round(rho / step_m), len(envelope) - 1)]) / noise
     cells = max((rho - blanking_m) / width_m, 1.0)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from itertools import pairwise
+from math import isfinite
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -107,7 +108,7 @@ class Listener:
         if samples.ndim != 1 or samples.dtype.kind != 'f':
             raise BadPing('bad_shape', f'samples of shape {samples.shape} and type {samples.dtype}; '
                                        'allowed: one dimension of floating point numbers')
-        if not (np.isfinite(period_s) and period_s > 0.0 and np.isfinite(t0_s)):
+        if not (isfinite(period_s) and period_s > 0.0 and isfinite(t0_s)):
             raise BadPing('bad_shape', f'sample period {period_s:g} s from {t0_s:g} s; allowed: finite, period above 0')
         frequency_hz = self._parameters.pulse.frequency_hz
         if self._parameters.echo.kind == 'rf' and not period_s * frequency_hz < 0.5:
@@ -122,7 +123,7 @@ class Listener:
             raise BadPing('too_short', f'{samples.size} samples end {end_s:g} s after emission; an echo from beyond '
                                        f'the blanking is over after {needed_s:g} s')
         if not FAINTEST <= (peak := float(np.max(np.abs(samples)))) <= LOUDEST:
-            if not np.isfinite(peak):
+            if not isfinite(peak):
                 bad = np.sum(~np.isfinite(samples))
                 raise BadPing('bad_samples', f'{bad} of {samples.size} samples are not finite')
             if peak == 0.0:
@@ -175,7 +176,7 @@ class Listener:
         axis = noise, self._step_m, blanking_m, width_m
         rho = (first_echo(envelope, *axis, false_alarm) if false_alarm
                else closest_range(envelope, self._step_m, blanking_m))
-        return rho, confidence(envelope, *axis, rho) if np.isfinite(noise) else np.nan
+        return rho, confidence(envelope, *axis, rho) if isfinite(noise) else np.nan
 
     def signals(self, ping: Ping, cleaned: Ping) -> Signals:
         """What `hear` makes of a ping, and what was made of it before."""

@@ -3,6 +3,7 @@
 import copy
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -235,7 +236,7 @@ class PolygonMapper:
             self.places.add(ping.stamp_ns, place.x, place.y)
             self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
             # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
-            clear_m = float(np.sqrt(np.maximum(rho**2 - self._quarter_m2, 0.0)))
+            clear_m = sqrt(max(rho**2 - self._quarter_m2, 0.0))
             self.free_area.add(place.x, place.y, clear_m, confidence)
             self.placed(ping.stamp_ns)
 

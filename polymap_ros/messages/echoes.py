@@ -6,6 +6,7 @@ sense is for the mapper to say.
 """
 
 from collections.abc import Callable
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -67,7 +68,7 @@ def _from_laser_scan(message: Any, echo: EchoParameters, arrival_ns: int) -> Pin
         raise BadPing('wrong_type', f'echo has {len(message.ranges)} ranges: that is a lidar scan; an A-scan has '
                                     'its samples in intensities and leaves ranges empty')
     limits = float(message.range_min), float(message.range_max)
-    if not all(np.isfinite(limit) and limit >= 0.0 for limit in limits) or 0.0 < limits[1] <= limits[0]:
+    if not all(isfinite(limit) and limit >= 0.0 for limit in limits) or 0.0 < limits[1] <= limits[0]:
         raise BadPing('bad_shape', f'range_min {limits[0]:g} m and range_max {limits[1]:g} m; allowed: '
                                    '0 <= range_min < range_max, 0 where unset')
     return Ping(
@@ -173,7 +174,7 @@ def _samples(values: NDArray[Any]) -> NDArray[np.floating]:
 
 def _period(found_s: float, where: str, echo: EchoParameters) -> float:
     """The message's period, which must not contradict the parameter; the parameter's digits are the better ones."""
-    if not (np.isfinite(found_s) and found_s > 0.0):
+    if not (isfinite(found_s) and found_s > 0.0):
         raise BadPing('bad_shape', f'{where} gives a sample period of {found_s:g} s; allowed: above 0')
     given_s = echo.sample_period_s
     if given_s and abs(found_s - given_s) > PERIOD_TOLERANCE * given_s:
