@@ -28,6 +28,19 @@ SAMPLE_DTYPES = ('uint8', 'int8', 'uint16', 'int16', 'uint32', 'int32', 'uint64'
 """Numbers that an array of bytes may stand for, as marine_acoustic_msgs/msg/SonarImageData counts them."""
 
 
+LEAST_CYCLES, MOST_CYCLES = 0.1, 1000.0
+"""Of a pulse: its spectrum is a sum over as many times 64 samples at most."""
+
+MOST_RANGES = 1 << 18
+"""Ranges of an echo, of which a hundred are kept: 200 MB."""
+
+MOST_CELLS = 2e7
+"""Of the beamforming map, which takes 12 bytes for each, and again where a twin is solved or saved."""
+
+MOST_FREE_CELLS = 5e7
+"""Of the grid of the free area, 24 bytes each while a ping is drawn."""
+
+
 @dataclass(frozen=True)
 class MediumParameters(Group):
     """The medium the sound travels in."""
@@ -35,11 +48,12 @@ class MediumParameters(Group):
     PREFIX = 'medium.'
     model: str = parameter('lamb_a0', 'dispersion: A0 Lamb wave of a plate, or a constant speed',
                            choices=('lamb_a0', 'constant'))
-    thickness_m: float = parameter(0.006, 'plate thickness (lamb_a0)', unit='m', above=0.0)
+    thickness_m: float = parameter(0.006, 'plate thickness (lamb_a0)', unit='m', minimum=1e-5, maximum=1.0)
     longitudinal_speed_m_s: float = parameter(6149.0, 'longitudinal wave speed of the plate (lamb_a0)',
-                                              unit='m/s', above=0.0)
-    shear_speed_m_s: float = parameter(3097.0, 'shear wave speed of the plate (lamb_a0)', unit='m/s', above=0.0)
-    speed_m_s: float = parameter(343.0, 'speed of sound (constant)', unit='m/s', above=0.0)
+                                              unit='m/s', minimum=1.0, maximum=1e5)
+    shear_speed_m_s: float = parameter(3097.0, 'shear wave speed of the plate (lamb_a0)', unit='m/s', minimum=1.0,
+                                       maximum=1e5)
+    speed_m_s: float = parameter(343.0, 'speed of sound (constant)', unit='m/s', minimum=1.0, maximum=1e5)
     spreading_exponent: float = parameter(
         -1.0, 'amplitude ~ distance**-exponent; negative: 0.5 for lamb_a0, 1.0 for constant', maximum=10.0)
 
@@ -63,12 +77,12 @@ class PulseParameters(Group):
 
     PREFIX = 'pulse.'
     kind: str = parameter('tone_burst', 'shape of the pulse', choices=('tone_burst', 'chirp', 'file'))
-    frequency_hz: float = parameter(100000.0, 'centre frequency', unit='Hz', above=0.0)
-    cycles: float = parameter(2.0, 'length of the tone burst', unit='cycles', above=0.0)
+    frequency_hz: float = parameter(100000.0, 'centre frequency', unit='Hz', minimum=1.0, maximum=1e9)
+    cycles: float = parameter(2.0, 'length of the tone burst', unit='cycles', minimum=LEAST_CYCLES, maximum=MOST_CYCLES)
     window: str = parameter('hann', 'envelope of tone burst and chirp', choices=('hann', 'rectangular'))
-    bandwidth_hz: float = parameter(0.0, 'width of the linear sweep about the centre (chirp)', unit='Hz',
-                                    minimum=0.0)
-    duration_s: float = parameter(0.0, 'length of the sweep (chirp)', unit='s', minimum=0.0)
+    bandwidth_hz: float = parameter(0.0, 'width of the linear sweep about the centre (chirp)', unit='Hz', minimum=0.0,
+                                    maximum=2e9)
+    duration_s: float = parameter(0.0, 'length of the sweep (chirp)', unit='s', minimum=0.0, maximum=1000.0)
     path: str = parameter('', "recorded pulse, .npy or .wav at the echoes' sample rate (file)")
 
     def check(self) -> None:
@@ -79,6 +93,10 @@ class PulseParameters(Group):
             if self.bandwidth_hz >= 2.0 * self.frequency_hz:
                 raise ParameterError('pulse.bandwidth_hz', f'{self.bandwidth_hz!r} reaches below 0 Hz; allowed: '
                                      f'below twice pulse.frequency_hz ({self.frequency_hz!r})')
+            if not LEAST_CYCLES <= (cycles := self.duration_s * self.frequency_hz) <= MOST_CYCLES:
+                raise ParameterError('pulse.duration_s', f'{self.duration_s!r} makes {cycles:.3g} cycles of '
+                                     f'pulse.frequency_hz ({self.frequency_hz!r}); allowed: {LEAST_CYCLES:g} to '
+                                     f'{MOST_CYCLES:g}')
         if self.kind == 'file' and not self.path:
             raise ParameterError('pulse.path', "'' names no file; pulse.kind 'file' needs a .npy or .wav")
 
@@ -97,9 +115,9 @@ class EchoParameters(Group):
                                  'allow_unstamped')
     kind: str = parameter('rf', 'samples are the signed signal (rf) or its magnitude (envelope)',
                           choices=('rf', 'envelope'))
-    t0_s: float = parameter(0.0, 'time of the first sample after emission', unit='s')
-    sample_period_s: float = parameter(0.0, 'sample period; 0: from the message', unit='s', minimum=0.0)
-    blanking_m: float = parameter(0.02, 'no echo is looked for nearer than this', unit='m', minimum=0.0)
+    t0_s: float = parameter(0.0, 'time of the first sample after emission', unit='s', minimum=-100.0, maximum=100.0)
+    sample_period_s: float = parameter(0.0, 'sample period; 0: from the message', unit='s', minimum=0.0, maximum=1.0)
+    blanking_m: float = parameter(0.02, 'no echo is looked for nearer than this', unit='m', minimum=0.0, maximum=1e4)
     allow_unstamped: bool = parameter(False, 'take messages without a stamp (Float32MultiArray), stamped on arrival')
 
     def check(self) -> None:
@@ -140,15 +158,17 @@ class FrontEndParameters(Group):
         0, 'pings at different places that what all pings have in common (direct wave, body, ceiling) is found from '
         'and taken out; pings wait until so many are there; 0: off', minimum=0, maximum=256)
     remove_dc: bool = parameter(False, 'take the mean out of every ping')
-    band_low_hz: float = parameter(0.0, 'frequencies below this are taken out; 0: none', unit='Hz', minimum=0.0)
-    band_high_hz: float = parameter(0.0, 'frequencies above this are taken out; 0: none', unit='Hz', minimum=0.0)
+    band_low_hz: float = parameter(0.0, 'frequencies below this are taken out; 0: none', unit='Hz', minimum=0.0,
+                                   maximum=1e9)
+    band_high_hz: float = parameter(0.0, 'frequencies above this are taken out; 0: none', unit='Hz', minimum=0.0,
+                                    maximum=1e9)
     mute_blanking: bool = parameter(False, 'silence the samples before an echo from the end of the blanking begins')
     gain_db_s: float = parameter(0.0, 'gain that grows with the time after emission, to undo what the device does',
-                                 unit='dB/s')
+                                 unit='dB/s', minimum=-1e7, maximum=1e7)
     filter: str = parameter('matched', 'eq. (3), or deconvolution by the expected echo, which is sharper and noisier',
                             choices=('matched', 'wiener'))
     wiener_noise: float = parameter(0.1, "noise over the expected echo's strongest power, frequency by frequency "
-                                    '(wiener)', above=0.0)
+                                    '(wiener)', minimum=1e-6, maximum=1e6)
     flat_spreading: bool = parameter(False, 'make up for spreading in the beamforming map, which then shows far walls '
                                      'as bright as near ones, and far noise, too')
 
@@ -156,6 +176,10 @@ class FrontEndParameters(Group):
         if 0 < self.common_pings < 8:
             raise ParameterError('front_end.common_pings', f'{self.common_pings!r} pings cannot tell; allowed: 0, or '
                                  'at least 8')
+        for name in ('band_low_hz', 'band_high_hz'):
+            if 0.0 < getattr(self, name) < 1e-3:
+                raise ParameterError(f'front_end.{name}', f'{getattr(self, name)!r} is slower than any ping; allowed: '
+                                     '0, or at least 1e-3')
         if self.band_high_hz and self.band_low_hz >= self.band_high_hz:
             raise ParameterError('front_end.band_low_hz', f'{self.band_low_hz!r} is not below front_end.band_high_hz '
                                  f'({self.band_high_hz!r})')
@@ -166,15 +190,15 @@ class SensorParameters(Group):
     """The sensor in the robot's base frame."""
 
     PREFIX = 'sensor.'
-    x_m: float = parameter(0.0, "sensor in the robot's base frame, forward", unit='m')
-    y_m: float = parameter(0.0, "sensor in the robot's base frame, left", unit='m')
+    x_m: float = parameter(0.0, "sensor in the robot's base frame, forward", unit='m', minimum=-1000.0, maximum=1000.0)
+    y_m: float = parameter(0.0, "sensor in the robot's base frame, left", unit='m', minimum=-1000.0, maximum=1000.0)
     from_tf: bool = parameter(
         False, "take TF's place of the echo's frame_id in the odometry's child_frame_id instead of x_m and y_m (needs "
         'tf2_ros; in a recording /tf_static)')
     baseline_x_m: float = parameter(0.0, 'from emitter to receiver, forward; the sensor is half way between them',
-                                    unit='m')
-    baseline_y_m: float = parameter(0.0, 'from emitter to receiver, left', unit='m')
-    baseline_z_m: float = parameter(0.0, 'from emitter to receiver, up', unit='m')
+                                    unit='m', minimum=-1000.0, maximum=1000.0)
+    baseline_y_m: float = parameter(0.0, 'from emitter to receiver, left', unit='m', minimum=-1000.0, maximum=1000.0)
+    baseline_z_m: float = parameter(0.0, 'from emitter to receiver, up', unit='m', minimum=-1000.0, maximum=1000.0)
 
     def check(self) -> None:
         for name in ('x_m', 'y_m'):
@@ -194,9 +218,9 @@ class OdometryParameters(Group):
 
     PREFIX = 'odometry.'
     max_gap_s: float = parameter(1.0, 'a longer gap between two odometry messages is not interpolated across',
-                                 unit='s', above=0.0)
-    buffer_s: float = parameter(60.0, 'poses kept for pings that come late', unit='s', above=0.0)
-    queue_size: int = parameter(200, 'pings that may wait for their odometry', minimum=1)
+                                 unit='s', above=0.0, maximum=1e9)
+    buffer_s: float = parameter(60.0, 'poses kept for pings that come late', unit='s', above=0.0, maximum=3600.0)
+    queue_size: int = parameter(200, 'pings that may wait for their odometry', minimum=1, maximum=10_000)
     plane: str = parameter(
         'xy', "plane that is mapped: the odometry's xy plane, or that of the robot's x and y axes at the first pose, "
         'such as a plate that stands upright', choices=('xy', 'first_pose'))
@@ -204,11 +228,11 @@ class OdometryParameters(Group):
                                     'off_plane; at 10 deg walls seem 1.5 % farther', unit='deg', minimum=0.0,
                                     maximum=180.0)
     max_height_m: float = parameter(0.1, 'so is one of a robot lifted or lowered more than this from where it was on '
-                                    'the plane at the first pose', unit='m', minimum=0.0)
-    scale: float = parameter(1.0, 'reported over true distance; poses are freed of it', above=0.0)
+                                    'the plane at the first pose', unit='m', minimum=0.0, maximum=1e9)
+    scale: float = parameter(1.0, 'reported over true distance; poses are freed of it', minimum=1e-3, maximum=1e3)
     yaw_drift_deg_m: float = parameter(
         0.0, 'turn of the reported heading per true metre travelled, counter-clockwise; poses are freed of it',
-        unit='deg/m')
+        unit='deg/m', minimum=-3600.0, maximum=3600.0)
     on_jump_back: str = parameter(
         'reset', 'when /clock or odometry goes back by more than max_gap_s (bag loop): forget the map, or ignore '
         'what is older than the newest odometry (node)', choices=('reset', 'ignore'), live=True)
@@ -219,9 +243,9 @@ class GridParameters(Group):
     """The beamforming map's axes (r, theta) and the range axis of the envelopes."""
 
     PREFIX = 'grid.'
-    range_max_m: float = parameter(3.0, 'end of the range axis', unit='m', above=0.0)
-    range_step_m: float = parameter(0.005, 'step of the range axis', unit='m', above=0.0)
-    angle_step_deg: float = parameter(1.0, 'step of the angle axis', unit='deg', above=0.0, maximum=90.0)
+    range_max_m: float = parameter(3.0, 'end of the range axis', unit='m', minimum=1e-3, maximum=1e5)
+    range_step_m: float = parameter(0.005, 'step of the range axis', unit='m', minimum=1e-6, maximum=1e4)
+    angle_step_deg: float = parameter(1.0, 'step of the angle axis', unit='deg', minimum=1e-3, maximum=90.0)
     angle_min_deg: float = parameter(0.0, 'start of the angle axis', unit='deg', minimum=-360.0, maximum=360.0)
     angle_max_deg: float = parameter(360.0, 'end of the angle axis, exclusive', unit='deg',
                                      minimum=-360.0, maximum=720.0)
@@ -235,9 +259,13 @@ class GridParameters(Group):
         if not 0.0 < span <= 360.0:
             raise ParameterError('grid.angle_max_deg', f'{self.angle_max_deg!r} is not above grid.angle_min_deg '
                                  f'({self.angle_min_deg!r}) by at most 360')
-        cells = (self.range_max_m / self.range_step_m) * (span / self.angle_step_deg)
-        if cells > 1e8:
-            raise ParameterError('grid.range_step_m', f'the map would have {cells:.3g} cells; allowed: up to 1e8')
+        ranges = self.range_max_m / self.range_step_m
+        if ranges > MOST_RANGES:
+            raise ParameterError('grid.range_step_m', f'{self.range_step_m!r} makes {ranges:.3g} ranges up to '
+                                 f'grid.range_max_m ({self.range_max_m!r}); allowed: up to {MOST_RANGES}')
+        if (cells := ranges * span / self.angle_step_deg) > MOST_CELLS:
+            raise ParameterError('grid.angle_step_deg', f'{self.angle_step_deg!r} makes a map of {cells:.3g} cells; '
+                                 f'allowed: up to {MOST_CELLS:.0e}')
 
 
 @dataclass(frozen=True)
@@ -251,8 +279,14 @@ class FreeAreaParameters(Group):
         0.0, 'share of the pings without echoes in which noise may be taken for the first one; 0: an echo is a peak of '
         '0.3 of the strongest one', minimum=0.0, maximum=0.5)
     missed: float = parameter(0.2, "share of the first echoes that are not heard, which makes ranges too long (grid)",
-                              above=0.0, maximum=0.9)
-    cell_m: float = parameter(0.0, 'size of a cell; 0: twice grid.range_step_m (grid)', unit='m', minimum=0.0)
+                              minimum=1e-6, maximum=0.9)
+    cell_m: float = parameter(0.0, 'size of a cell; 0: twice grid.range_step_m (grid)', unit='m', minimum=0.0,
+                              maximum=1e4)
+
+    def check(self) -> None:
+        if 0.0 < self.false_alarm < 1e-12:
+            raise ParameterError('free_area.false_alarm', f'{self.false_alarm!r} is never reached by noise; allowed: '
+                                 '0, or at least 1e-12')
 
 
 @dataclass(frozen=True)
@@ -263,13 +297,14 @@ class SolverParameters(Group):
     method: str = parameter('evidence', 'how the polygon is found', choices=('evidence', 'paper', 'rectangle'),
                             live=True)
     max_edges: int = parameter(10, 'K, upper bound of the number of edges', minimum=3, maximum=64, live=True)
-    period_s: float = parameter(1.0, 'time between two solves of the node', unit='s', above=0.0, live=True)
-    seed: int = parameter(1, 'seed of the one random generator', minimum=0, live=True)
-    iterations: int = parameter(300, 'iterations of the annealing (paper)', minimum=1, live=True)
-    iou_weight: float = parameter(3.0, 'lambda of eq. (5) (paper)', minimum=0.0, live=True)
-    edge_filter_epsilon: float = parameter(0.01, 'epsilon of eq. (10) (paper)', minimum=0.0, live=True)
+    period_s: float = parameter(1.0, 'time between two solves of the node', unit='s', minimum=1e-3, maximum=1e6,
+                                live=True)
+    seed: int = parameter(1, 'seed of the one random generator', minimum=0, maximum=2**63 - 1, live=True)
+    iterations: int = parameter(300, 'iterations of the annealing (paper)', minimum=1, maximum=1_000_000, live=True)
+    iou_weight: float = parameter(3.0, 'lambda of eq. (5) (paper)', minimum=0.0, maximum=1e6, live=True)
+    edge_filter_epsilon: float = parameter(0.01, 'epsilon of eq. (10) (paper)', minimum=0.0, maximum=1e6, live=True)
     neighbourhood_m: float = parameter(0.054, 'size in r of the neighbourhood V of eq. (8) (paper)', unit='m',
-                                       minimum=0.0, live=True)
+                                       minimum=0.0, maximum=1e3, live=True)
     neighbourhood_deg: float = parameter(48.0, 'size in theta of the neighbourhood V of eq. (8) (paper)',
                                          unit='deg', minimum=0.0, maximum=360.0, live=True)
 
@@ -279,10 +314,15 @@ class MapParameters(Group):
     """The occupancy map."""
 
     PREFIX = 'map.'
-    resolution_m: float = parameter(0.0, 'cell size of the occupancy map; 0: grid.range_step_m', unit='m',
-                                    minimum=0.0, live=True)
-    margin_m: float = parameter(0.1, 'free border around the polygon in the occupancy map', unit='m',
-                                minimum=0.0, live=True)
+    resolution_m: float = parameter(0.0, 'cell size of the occupancy map; 0: grid.range_step_m', unit='m', minimum=0.0,
+                                    maximum=1e3, live=True)
+    margin_m: float = parameter(0.1, 'free border around the polygon in the occupancy map', unit='m', minimum=0.0,
+                                maximum=1e3, live=True)
+
+    def check(self) -> None:
+        if 0.0 < self.resolution_m < 1e-6:
+            raise ParameterError('map.resolution_m', f'{self.resolution_m!r} is finer than any map; allowed: 0, or at '
+                                 'least 1e-6')
 
 
 @dataclass(frozen=True)
@@ -291,7 +331,8 @@ class OutputParameters(Group):
 
     PREFIX = 'output.'
     dir: str = parameter('polymap', "folder of the node's saved maps")
-    autosave_s: float = parameter(0.0, 'time between automatic saves; 0: none', unit='s', minimum=0.0, live=True)
+    autosave_s: float = parameter(0.0, 'time between automatic saves; 0: none', unit='s', minimum=0.0, maximum=1e6,
+                                  live=True)
     load_path: str = parameter(
         '', 'state.npz to continue from; odometry that begins before it is taken for that of another clock, or left '
         'out with odometry.on_jump_back: ignore')
@@ -330,6 +371,18 @@ class Parameters:
     topics: TopicParameters = field(default_factory=TopicParameters)
     folder: Path = field(default=Path(), compare=False)
     """What relative file names in the parameters are relative to: the YAML's folder."""
+
+    def __post_init__(self) -> None:
+        medium, grid, area = self.medium, self.grid, self.free_area
+        wavelengths = self.pulse.frequency_hz * medium.thickness_m / medium.shear_speed_m_s
+        if medium.model == 'lamb_a0' and not 1e-4 <= wavelengths <= 100.0:
+            raise ParameterError('medium.thickness_m', f'{medium.thickness_m!r} is {wavelengths:.3g} wavelengths of '
+                                 f'shear waves at pulse.frequency_hz ({self.pulse.frequency_hz!r}); allowed: 1e-4 to '
+                                 '100')
+        across = 2.0 * grid.range_max_m / (area.cell_m or 2.0 * grid.range_step_m)
+        if area.model == 'grid' and (cells := across * across) > MOST_FREE_CELLS:
+            raise ParameterError('free_area.cell_m', f'{area.cell_m!r} makes a grid of {cells:.3g} cells within '
+                                 f'grid.range_max_m; allowed: up to {MOST_FREE_CELLS:.0e}')
 
     def flat(self) -> dict[str, Value]:
         """All values by full name, in declaration order."""

@@ -10,6 +10,9 @@ from polymap_ros.errors import ParameterError
 
 Value: TypeAlias = bool | int | float | str
 
+_HUGE = 10**308
+"""Whole numbers beyond this are no doubles."""
+
 
 def parameter(
     default: Value,
@@ -50,20 +53,22 @@ class Specification:
     def check(self, value: object) -> Value:
         """Return `value` in the parameter's type, or raise `ParameterError` with what is allowed."""
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
-            value = float(value)
+            value = float(max(min(value, _HUGE), -_HUGE))
         if not isinstance(value, (bool, int, float, str)) or type(value) is not self.type:
             raise ParameterError(
                 self.name, f'{value!r} is of type {type(value).__name__}; allowed: {self.allowed()}'
             )
         if self.choices and value not in self.choices:
             raise ParameterError(self.name, f'{value!r} is not known; allowed: {self.allowed()}')
+        if isinstance(value, str) and not value.isprintable():
+            raise ParameterError(self.name, f'{value!r} holds characters that cannot be printed')
         if isinstance(value, (int, float)) and not isinstance(value, bool) and not self._within(value):
             raise ParameterError(self.name, f'{value!r} is out of range; allowed: {self.allowed()}')
         return value
 
     def _within(self, value: float) -> bool:
         return (
-            math.isfinite(value)
+            (isinstance(value, int) or math.isfinite(value))
             and (self.minimum is None or value >= self.minimum)
             and (self.above is None or value > self.above)
             and (self.maximum is None or value <= self.maximum)

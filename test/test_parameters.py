@@ -9,7 +9,10 @@ from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import (
     EchoParameters,
+    FreeAreaParameters,
+    FrontEndParameters,
     GridParameters,
+    MapParameters,
     MediumParameters,
     Parameters,
     PulseParameters,
@@ -120,7 +123,18 @@ def test_every_method_is_known(method):
     (lambda: GridParameters(range_step_m=2.0), 'grid.range_step_m'),
     (lambda: GridParameters(angle_min_deg=90.0, angle_max_deg=90.0), 'grid.angle_max_deg'),
     (lambda: GridParameters(angle_min_deg=-10.0, angle_max_deg=360.0), 'grid.angle_max_deg'),
-    (lambda: GridParameters(range_step_m=1e-6, angle_step_deg=1e-3), 'grid.range_step_m'),
+    (lambda: GridParameters(range_step_m=1e-6), 'grid.range_step_m'),
+    (lambda: GridParameters(angle_step_deg=1e-3), 'grid.angle_step_deg'),
+    (lambda: PulseParameters(kind='chirp', bandwidth_hz=1e3, duration_s=1.0), 'pulse.duration_s'),
+    (lambda: PulseParameters(kind='chirp', bandwidth_hz=1e3, duration_s=1e-9), 'pulse.duration_s'),
+    (lambda: FrontEndParameters(band_high_hz=1e-300), 'front_end.band_high_hz'),
+    (lambda: FreeAreaParameters(false_alarm=1e-300), 'free_area.false_alarm'),
+    (lambda: MapParameters(resolution_m=1e-300), 'map.resolution_m'),
+    (lambda: Parameters().replaced({'medium.thickness_m': 1.0, 'pulse.frequency_hz': 1e6}), 'medium.thickness_m'),
+    (lambda: Parameters().replaced({'free_area.model': 'grid', 'free_area.cell_m': 1e-300}), 'free_area.cell_m'),
+    (lambda: Parameters().replaced({'output.dir': 'two\nlines'}), 'output.dir'),
+    (lambda: Parameters().replaced({'output.dir': '\ud800'}), 'output.dir'),
+    (lambda: Parameters().replaced({'sensor.x_m': 10**400}), 'sensor.x_m'),
 ])
 def test_values_that_do_not_go_together_are_refused(build, name):
     with pytest.raises(ParameterError) as refused:
@@ -146,9 +160,9 @@ def test_parameters_are_immutable_and_by_name():
 
 
 @pytest.mark.parametrize(('name', 'text'), [
-    ('pulse.cycles', 'double in (0, inf) cycles'), ('solver.max_edges', 'integer in [3, 64]'),
+    ('pulse.cycles', 'double in [0.1, 1000] cycles'), ('solver.max_edges', 'integer in [3, 64]'),
     ('medium.model', 'lamb_a0 | constant'), ('echo.allow_unstamped', 'bool'), ('topics.odom', 'string'),
-    ('echo.t0_s', 'double s'), ('medium.spreading_exponent', 'double in (-inf, 10]'),
+    ('echo.t0_s', 'double in [-100, 100] s'), ('medium.spreading_exponent', 'double in (-inf, 10]'),
 ])
 def test_what_is_allowed_is_said_in_words(name, text):
     assert {spec.name: spec for spec in specifications()}[name].allowed() == text

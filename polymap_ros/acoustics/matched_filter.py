@@ -97,7 +97,8 @@ class MatchedFilter:
         k = np.arange(wavenumbers[0], wavenumbers[-1], dk)
         omega = np.interp(k, wavenumbers, band)
         for _ in range(3):  # Newton's method on k(w) = k
-            omega -= (medium.wavenumber(omega) - k) * group_speed(medium, omega / (2.0 * np.pi))
+            step_back = (medium.wavenumber(omega) - k) * group_speed(medium, omega / (2.0 * np.pi))
+            omega = np.clip(omega - step_back, band[0], band[-1])
         speed = group_speed(medium, omega / (2.0 * np.pi))
         echo = pulse.spectrum(omega) * medium.excitability(omega)
         energy = float(np.sum(np.abs(echo) ** 2 * speed) * dk / np.pi)

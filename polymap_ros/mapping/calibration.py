@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.errors import ParameterError
 from polymap_ros.mapping.conclusion import path_half_width
 from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search
 from polymap_ros.mapping.evidence.solver import EXPLAINED
@@ -25,6 +26,7 @@ from polymap_ros.mapping.focus import echo_strength, feet_of, line_focus, wave_f
 from polymap_ros.mapping.peak import Peak, ascend, climb
 from polymap_ros.mapping.session import Session
 from polymap_ros.mapping.snapshot import Snapshot
+from polymap_ros.parameters import Parameters
 
 MIN_PINGS = 8
 """Fewer pings tell too little of a path."""
@@ -102,8 +104,8 @@ def calibrated_medium(session: Session, elsewhere: bool = False) -> Work:
     first = yield from _settle(session, thickness, sharpest[0], elsewhere)
     if first.as_given if isinstance(first, Refusal) else first.explained > _ALL_EXPLAINED:
         return first
-    values = first.values if isinstance(first, Fit) else thickness.values(sharpest[0])
-    plate = Plate(parameters.replaced(values or {}))
+    start = _assumed(session, thickness, sharpest[0])
+    plate = Plate(parameters.replaced(first.values) if isinstance(first, Fit) else start or parameters)
     both = yield from _settle(session, plate, plate.given, False)
     if isinstance(first, Refusal):
         return both
@@ -171,8 +173,20 @@ def _fit(session: Session, family: Family, elsewhere: bool) -> Work:
 
 
 def _search(session: Session, family: Family, p: NDArray[np.float64]) -> Search | None:
-    values = family.values(p)
-    return None if values is None else session.search(session.parameters.replaced(values))
+    assumed = _assumed(session, family, p)
+    try:
+        return None if assumed is None else session.search(assumed)
+    except ParameterError:  # together they are too much
+        return None
+
+
+def _assumed(session: Session, family: Family, p: NDArray[np.float64]) -> Parameters | None:
+    """The parameters at p; None where there are none, or none that are allowed."""
+    try:
+        values = family.values(p)
+        return None if values is None else session.parameters.replaced(values)
+    except ParameterError:
+        return None
 
 
 def _sharpest(session: Session, family: Family) -> Generator[None, None, list[NDArray[np.float64]]]:
@@ -255,7 +269,10 @@ def _in_phase(
     feet = feet_of(lines, data.positions)
 
     def focus(q: NDArray[np.float64]) -> float:
-        view = family.view(p, q)
+        try:
+            view = family.view(p, q)
+        except ParameterError:  # beyond what is allowed
+            return -np.inf
         positions = session.positions(view.parameters) / view.zoom
         return wave_focus(data, lines, feet, positions, data.pulse.carrier + view.carrier)
 

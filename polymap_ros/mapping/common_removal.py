@@ -108,6 +108,11 @@ class CommonRemoval:
             gaps = np.linalg.norm(places[:, None] - places[None], axis=2) + np.diag(np.full(len(places), np.inf))
             del self._compared[int(gaps.min(axis=1).argmin())]
 
+    @property
+    def pings(self) -> list[Ping]:
+        """Those that wait or are compared."""
+        return [ping for ping, _ in (*self._waiting, *self._compared)]
+
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on, as arrays."""
         flat: dict[str, NDArray[np.generic]] = {'open': np.array(self._open)}

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.medium import group_speed, make_medium
+from polymap_ros.errors import ParameterError
 from polymap_ros.parameters import Parameters
 
 Vector = NDArray[np.float64]
@@ -128,6 +129,12 @@ class Plate(_Media):
         return np.log((speed, self._omega / k))
 
     def values(self, p: Vector) -> dict[str, float] | None:
+        try:
+            return self._solved(p)
+        except ParameterError:  # on its way beyond what is allowed
+            return None
+
+    def _solved(self, p: Vector) -> dict[str, float] | None:
         """Newton's method on the logarithms of thickness and shear speed."""
         at = np.log((self.parameters.medium.thickness_m, self.parameters.medium.shear_speed_m_s))
         highest = np.log(0.98 * self.parameters.medium.longitudinal_speed_m_s)

@@ -16,16 +16,19 @@ from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
 from polymap_ros.acoustics.ping import FAINTEST, LOUDEST, Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
-from polymap_ros.errors import BadPing
+from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.mapping.pulse_shape import PulseShape
 from polymap_ros.mapping.signals import Signals
-from polymap_ros.parameters import Parameters
+from polymap_ros.parameters import MOST_RANGES, Parameters
 
 MAX_SAMPLES = 1 << 20
 """A longer ping is refused: more would be spent on one than on a whole recording."""
 
 MAX_CELLS = 1 << 22
-"""So is one that lasts for more steps of the range axis than this, which would take as much memory."""
+"""So is one that lasts for more steps of the fine range axis than this, which would take as much memory."""
+
+MOST_GAIN_DB = 300.0
+"""No device undoes more; beyond, the samples of a ping would be no numbers any longer."""
 
 _FILTERS = 8
 """Filters kept: pings of so many different lengths, periods and starts may alternate."""
@@ -90,6 +93,11 @@ class Listener:
             step_m = sampling_step(self._medium, self._pulse(period_s), parameters.pulse.frequency_hz)
         self.fold = max(1, int(np.ceil(self._step_m / step_m - 1e-9)))
         self.n_fine = (len(ranges_m) - 1) * self.fold + 1
+        fine_m = self._step_m / self.fold
+        for name, length_m in (('grid.range_max_m', float(ranges_m[-1])), ('pulse.frequency_hz', self.pulse_m)):
+            if (steps := length_m / fine_m) > MOST_RANGES:
+                raise ParameterError(name, f'{parameters[name]!r} makes {steps:.3g} steps of {fine_m:.3g} m, which grid '
+                                     f"or the pulse's band ask for; allowed: up to {MOST_RANGES}")
         self._fine_m = np.arange(self.n_fine, dtype=float) * (self._step_m / self.fold)
         self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
@@ -114,9 +122,14 @@ class Listener:
         if self._parameters.echo.kind == 'rf' and not period_s * frequency_hz < 0.5:
             raise BadPing('bad_shape', f'a sample period of {period_s:g} s cannot hold a pulse of {frequency_hz:g} Hz')
         reach_m = 0.5 * self._speed_m_s * (abs(t0_s) + samples.size * period_s)
-        if samples.size > MAX_SAMPLES or reach_m > MAX_CELLS * self._step_m:
+        most_m = MAX_CELLS * self._step_m / self.fold
+        if samples.size > MAX_SAMPLES or reach_m > most_m:
             raise BadPing('too_long', f'{samples.size} samples of {period_s:g} s, {reach_m:.3g} m of range; allowed: '
-                                      f'{MAX_SAMPLES} samples, {MAX_CELLS * self._step_m:.3g} m')
+                                      f'{MAX_SAMPLES} samples, {most_m:.3g} m')
+        gain_db = abs(self._parameters.front_end.gain_db_s) * (abs(t0_s) + samples.size * period_s)
+        if gain_db > MOST_GAIN_DB:
+            raise BadPing('too_long', f'front_end.gain_db_s comes to {gain_db:.3g} dB over a ping of {samples.size} '
+                                      f'samples; allowed: up to {MOST_GAIN_DB:g} dB')
         needed_s = self._blanked_s(ping) + self._pulse(period_s).duration_s
         end_s = t0_s + samples.size * period_s
         if end_s < needed_s:

@@ -315,9 +315,11 @@ class PolygonMapper:
                 ('free_area', mapper.free_area),
             ):
                 part.restore(parts[name])
+            for ping in (*mapper._queue.pings, *mapper._common.pings):
+                mapper._listener.check(ping)
         except KeyError as error:
             raise StateError(f'the state holds no {error.args[0]}') from error
-        except (ValueError, TypeError, IndexError, OverflowError) as error:
+        except (BadPing, ValueError, TypeError, IndexError, OverflowError) as error:
             raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
         mapper.resuming = parameters.odometry.on_jump_back == 'reset'
         return mapper

@@ -127,6 +127,6 @@ def filtered(lines: NDArray[np.float64], snapshot: Snapshot, epsilon: float) -> 
             if len(fewer) < MIN_EDGES:
                 break
             changed = iou(fewer)
-            if abs(changed - current) / current < epsilon:
+            if abs(changed - current) < epsilon * current:
                 kept, current = fewer, changed
     return np.array(kept, np.intp)

@@ -58,6 +58,11 @@ class PingQueue:
         self._taken: set[int] = set()
         self._kept = 0
 
+    @property
+    def pings(self) -> list[Ping]:
+        """Those that wait, by time of emission."""
+        return [ping for _, _, ping in sorted(self._heap)]
+
     def copy(self, track: PoseTrack) -> 'PingQueue':
         """A queue of its own with the same pings, upon a copy of the track."""
         twin = copy.copy(self)
@@ -134,14 +139,13 @@ class PingQueue:
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on, as arrays."""
-        pings = [ping for _, _, ping in sorted(self._heap)]
         dropped = sorted(self.counts.dropped.items())
         return {
             'counts': np.array((self.counts.received, self.counts.used), np.int64),
             'reasons': np.array([reason for reason, _ in dropped], dtype=str),
             'dropped': np.array([number for _, number in dropped], np.int64),
             'taken_ns': np.array(sorted(self._taken), np.int64),
-            **{f'waiting_{name}': array for name, array in packed_pings(pings).items()},
+            **{f'waiting_{name}': array for name, array in packed_pings(self.pings).items()},
         }
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:

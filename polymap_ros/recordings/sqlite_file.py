@@ -41,6 +41,7 @@ class SqliteFile:
             self._copy.cleanup()
             raise
         try:
+            self._database.text_factory = _text
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
             self._database.execute('PRAGMA trusted_schema = OFF')
             self._survey()
@@ -152,6 +153,11 @@ class SqliteFile:
                 continue  # counted: fewer messages are found than announced
             if found is not None:
                 yield number, log_ns, found[0]
+
+
+def _text(content: bytes) -> str:
+    """Damaged text is text all the same."""
+    return content.decode(errors='replace')
 
 
 def _address(path: Path) -> str:

@@ -46,6 +46,9 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as file:
                 state = {name: file[name] for name in file.files}
+            for array in state.values():
+                if array.dtype.kind == 'U':  # whatever 32 bits are there; text that cannot be written is none
+                    ''.join(array.ravel().tolist()).encode()
     except OSError as error:
         raise StateError(f'{path}: cannot be read: {error.strerror or error}') from error
     except Exception as error:  # whatever numpy's and Python's parsers meet in a damaged file

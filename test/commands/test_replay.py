@@ -211,7 +211,7 @@ def test_without_truth_nothing_is_compared(call, triangle, tmp_path):
 @pytest.mark.parametrize('moment', ['reading', 'solving'])
 def test_a_signal_ends_it_and_nothing_is_written(start, triangle, tmp_path, moment, number, status, word):
     process = start('replay', triangle, '--output', 'out', '-p', 'solver.method:=paper',
-                    '-p', 'solver.iterations:=100000000')
+                    '-p', 'solver.iterations:=1000000')
     seen, deadline = b'', time.monotonic() + 120.0
     while f'triangle: {moment}'.encode() not in seen and time.monotonic() < deadline:
         seen += process.stderr.read1(4096)

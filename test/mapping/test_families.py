@@ -80,3 +80,9 @@ def test_the_odometry_begins_with_what_is_given():
     family = Odometry(parameters)
     assert family.values(family.given) == pytest.approx({'odometry.scale': 1.02, 'odometry.yaw_drift_deg_m': -1.0})
     assert any(np.allclose(point, family.given) for point in family.near(family.given))
+
+
+def test_a_medium_beyond_what_is_allowed_is_none():
+    plate = Plate(PARAMETERS.replaced({'medium.thickness_m': 1.0}))
+    assert plate.values(plate.given) == pytest.approx({'medium.thickness_m': 1.0, 'medium.shear_speed_m_s': 3097.0})
+    assert plate.values(plate.given + 0.5) is None

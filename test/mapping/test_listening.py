@@ -8,7 +8,7 @@ from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.acoustics.ranging import closest_range
-from polymap_ros.errors import BadPing
+from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.mapping.listening import MAX_CELLS, MAX_SAMPLES, Listener
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.waveforms import Synthesis
@@ -201,3 +201,19 @@ def test_the_first_echo_is_searched_with_the_false_alarm_rate_given():
     nothing = [listener(free_area__false_alarm=1e-3).hear(
         ping(np.random.default_rng(seed).normal(size=2048))).rho for seed in range(30)]
     assert np.isnan(nothing).mean() > 0.9
+
+
+@pytest.mark.parametrize(('values', 'name'), [
+    ({'pulse__frequency_hz': 1e9}, 'grid.range_max_m'),
+    ({'pulse__frequency_hz': 1.0, 'pulse__cycles': 10.0}, 'pulse.frequency_hz'),
+])
+def test_a_pulse_that_asks_for_too_many_ranges_is_refused(values, name):
+    with pytest.raises(ParameterError) as refused:
+        listener(medium__model='constant', **values)
+    assert refused.value.name == name
+
+
+def test_a_gain_that_leaves_no_numbers_is_refused():
+    listener(front_end__gain_db_s=1e5).check(ping(NOISE))
+    with pytest.raises(BadPing, match='gain_db_s comes to'):
+        listener(front_end__gain_db_s=1e7).check(ping(NOISE))
