@@ -96,9 +96,9 @@ class Listener:
         fine_m = self._step_m / self.fold
         for name, length_m in (('grid.range_max_m', float(ranges_m[-1])), ('pulse.frequency_hz', self.pulse_m)):
             if (steps := length_m / fine_m) > MOST_RANGES:
-                raise ParameterError(name, f'{parameters[name]!r} makes {steps:.3g} steps of {fine_m:.3g} m, which grid '
-                                     f"or the pulse's band ask for; allowed: up to {MOST_RANGES}")
-        self._fine_m = np.arange(self.n_fine, dtype=float) * (self._step_m / self.fold)
+                raise ParameterError(name, f'{parameters[name]!r} makes {steps:.3g} steps of {fine_m:.3g} m, which the '
+                                     f"grid or the pulse's band asks for; allowed: up to {MOST_RANGES}")
+        self._fine_m = np.arange(self.n_fine, dtype=float) * fine_m
         self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
