@@ -1,6 +1,7 @@
 """state.npz and beam_map.npz: arrays and nothing else, so that reading a foreign file runs no foreign code."""
 
 import io
+import sys
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -46,9 +47,8 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
             stream.seek(0)
             with np.load(stream, allow_pickle=False) as file:
                 state = {name: file[name] for name in file.files}
-            for array in state.values():
-                if array.dtype.kind == 'U':  # whatever 32 bits are there; text that cannot be written is none
-                    ''.join(array.ravel().tolist()).encode()
+            if not all(map(_is_writable, state.values())):
+                raise StateError(problem)
     except OSError as error:
         raise StateError(f'{path}: cannot be read: {error.strerror or error}') from error
     except Exception as error:  # whatever numpy's and Python's parsers meet in a damaged file
@@ -59,6 +59,14 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
     if found != STATE_FORMAT:
         raise StateError(f'{path}: has format {found}; allowed: {STATE_FORMAT}')
     return state
+
+
+def _is_writable(array: NDArray[np.generic]) -> bool:
+    """Whether text is text: numpy makes strings of any 32 bits, with which Python does not know what to do."""
+    if array.dtype.kind != 'U':
+        return True
+    codes = np.frombuffer(array.tobytes(), f'{array.dtype.str[0]}u4')
+    return bool(np.all((codes <= sys.maxunicode) & ((codes < 0xD800) | (codes > 0xDFFF))))
 
 
 def _check_archive(stream: BinaryIO, size: int) -> None:

@@ -224,6 +224,15 @@ def test_what_lies_in_the_log_of_an_interrupted_writer_is_read(database, tmp_pat
     assert (len(found), cautions) == (2 * len(told), [])
 
 
+def test_text_of_a_database_that_is_none(database, told):
+    writer = sqlite3.connect(database)
+    writer.execute("UPDATE topics SET name = CAST(x'2fba' AS TEXT) WHERE name = '/odom'")
+    writer.commit()
+    writer.close()
+    with Recording.open(database) as recording:
+        assert sorted(recording.topics) == ['/echo', '/\ufffd']
+
+
 @pytest.mark.parametrize('kind', ['crc', 'plain', 'sqlite3'])
 def test_flipped_bits_are_told_or_harmless(messages, told, write_recording, tmp_path, kind):
     """Nothing but RecordingError comes out; with checksums no message that is altered comes out either."""

@@ -141,3 +141,20 @@ def test_a_state_of_another_version_says_which_is_needed(small):
     mapper, parameters = small
     with pytest.raises(StateError, match='the state has version 99; allowed: 3'):
         PolygonMapper.from_state(parameters, {**mapper.state(), 'version': np.array(99)})
+
+
+@pytest.mark.parametrize('code', [0x4E4E4E4E, 0x110000, 0xD800])
+def test_a_state_with_text_that_is_none(small, tmp_path, code):
+    state = small[0].state()
+    state['parameters'] = np.frombuffer(np.full(4, code, np.uint32).tobytes(), '<U4').reshape(1, 1)
+    (tmp_path / 'state.npz').write_bytes(state_npz(state))
+    with pytest.raises(StateError, match='is no saved state, or a damaged one'):
+        read_state(tmp_path / 'state.npz')
+
+
+def test_a_ping_that_waits_in_a_state_is_looked_at_like_any_other(small):
+    mapper, parameters = small
+    state = mapper.state()
+    state['queue.waiting_times'] = state['queue.waiting_times'] * (1e300, 1.0, 1.0, 1.0)
+    with pytest.raises(StateError, match='the state is damaged: a sample period of 1e'):
+        PolygonMapper.from_state(parameters, state)
