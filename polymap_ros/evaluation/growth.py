@@ -12,6 +12,7 @@ from polymap_ros.parameters import Parameters
 SAMPLES = 1024, 2048, 4096, 8192, 16384, 32768
 STEPS_M = 0.02, 0.01, 0.005, 0.0025
 LINES = 5, 10, 20, 40
+SIZES = [100 * 10**k for k in range(8)]
 FEW, MANY = 10, 200
 """Pings that warm a mapper up, and that are measured."""
 
@@ -51,7 +52,7 @@ def growth(parameters: Parameters, most_pings: int) -> Iterator[Growth]:
     parameters : Parameters
         Of the mapper.
     most_pings : int
-        The pings grow from 100 to so many, tenfold each time.
+        The pings grow from 100 to so many, tenfold each time but the last.
     """
     tracemalloc.start()
     try:
@@ -68,14 +69,14 @@ def growth(parameters: Parameters, most_pings: int) -> Iterator[Growth]:
 
 
 def _over_pings(parameters: Parameters, most: int) -> Iterator[Growth]:
-    drive, before, size = _drive(parameters, 4096), 0, 100
-    while size <= most:
+    drive, before = _drive(parameters, 4096), 0
+    for size in [*(size for size in SIZES if size < most), most]:
         drive.go(size - before - MANY // 4)
         seconds = _seconds(drive, MANY // 4)
         yield Growth('pings', size, 'ping', seconds, _held_mb())
         drive.mapper.solve()  # from scratch at first, which the next one is not
         yield Growth('pings', size, 'solve, warm', _seconds_of(drive.mapper.solve), _held_mb())
-        before, size = size, 10 * size
+        before = size
 
 
 def _of_a_ping(over: str, size: int, parameters: Parameters, n_samples: int) -> Growth:

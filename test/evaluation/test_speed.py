@@ -96,10 +96,10 @@ def test_growth_over_what_may_grow(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr('polymap_ros.evaluation.growth.SAMPLES', (512, 1024))
     monkeypatch.setattr('polymap_ros.evaluation.growth.STEPS_M', (0.02,))
     monkeypatch.setattr('polymap_ros.evaluation.growth.LINES', (5,))
-    assert main(['speed', '--growth', '100', '--output', str(tmp_path)]) == 0
+    assert main(['speed', '--growth', '250', '--output', str(tmp_path)]) == 0
     assert [(row['over'], row['size']) for row in rows(tmp_path / 'results.csv')] == [
-        ('pings', '100'), ('pings', '100'), ('samples', '512'), ('samples', '1024'), ('cells of the grid', '13500'),
-        ('lines K', '5')]
+        ('pings', '100'), ('pings', '100'), ('pings', '250'), ('pings', '250'), ('samples', '512'), ('samples', '1024'),
+        ('cells of the grid', '13500'), ('lines K', '5')]
     assert all(float(row['seconds']) > 0.0 and float(row['memory_mb']) > 0.0 for row in rows(tmp_path / 'results.csv'))
 
 
