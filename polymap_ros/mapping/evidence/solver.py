@@ -86,7 +86,7 @@ class EvidenceSolver:
                 'too_few_pings', f'pings that could be used: {heard}; a polygon takes at least {MIN_PINGS}'),))
         search = search_of(evidence, self._parameters)
         yield
-        found = yield from self._found(search, len(evidence.soundings))
+        found = yield from self._found(search, evidence.all_places.count)
         self._last = found
         if found is not None and found.wave is None and search.coherent:
             placed = yield from place(search, found)
