@@ -17,6 +17,7 @@ wall's (r, theta), which makes it the objective of the search; its maximum is re
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from polymap_ros.acoustics.image_sources import walls_of
 from polymap_ros.jit import kernel
 from polymap_ros.mapping.evidence.data import EchoData
-from polymap_ros.mapping.evidence.paths import corners_of, falloff, room_for_paths, trace_paths
+from polymap_ros.mapping.evidence.paths import Paths, corners_of, falloff, room_for_paths, trace_paths
 
 _BACKGROUND_WIDTHS = 11.0
 """The background is a mean over all pings and this many pulse widths: far wider than an echo, narrower than the decay
@@ -66,7 +67,9 @@ class PowerLikelihood:
     def __init__(self, data: EchoData) -> None:
         self.data = data
         self.explained = np.zeros_like(data.power)
-        self._sums = np.zeros(2)
+        self._heard = _Heard(
+            data.ends, data.power, data.gain, data.first_cell, data.range_max_m, data.soft_m, data.cell_m, data.weight,
+            data.pulse.power, data.pulse.step_m, 2.0 * data.spreading)
 
     def initial(self, strength: float) -> Model:
         """A model without walls, whose background holds all the mean power."""
@@ -155,11 +158,9 @@ class PowerLikelihood:
 
     def _evaluate(self, model: Model, corners: NDArray[np.float64], order: int, derive: bool,
                   scores: NDArray[np.float64], information: NDArray[np.float64]) -> float:
-        data = self.data
         return self._quiet(model) + float(_power_likelihood(
-            corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, data.pulse.power,
-            data.pulse.step_m, 2.0 * data.spreading, np.exp(model.loss), data.power, data.gain, model.strength,
-            model.background, data.first_cell, data.weight, derive, self.explained, scores, information))
+            corners, order, self._heard, np.exp(model.loss), model.strength, model.background, derive, self.explained,
+            scores, information))
 
     def _quiet(self, model: Model) -> float:
         """F of a model without walls: what cells add in which no echo is predicted."""
@@ -176,92 +177,119 @@ class PowerLikelihood:
         return smooth
 
 
+class _Heard(NamedTuple):
+    """What the kernels need of the data: see `EchoData`; `shape` is the pulse's power at multiples of `shape_step`."""
+
+    ends: NDArray[np.float64]
+    power: NDArray[np.float64]
+    gain: NDArray[np.float64]
+    first: int
+    range_max: float
+    soft: float
+    cell: float
+    weight: float
+    shape: NDArray[np.float64]
+    shape_step: float
+    decay: float
+
+
 @kernel
 def _power_likelihood(
-    corners: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    order: int,
-    range_max: float,
-    soft: float,
-    cell: float,
-    shape: NDArray[np.float64],
-    shape_step: float,
-    decay: float,
-    reflected: NDArray[np.float64],
-    power: NDArray[np.float64],
-    gain: NDArray[np.float64],
-    strength: float,
-    background: NDArray[np.float64],
-    first: int,
-    weight: float,
-    derive: bool,
-    explained: NDArray[np.float64],
-    scores: NDArray[np.float64],
+    corners: NDArray[np.float64], order: int, heard: _Heard, reflected: NDArray[np.float64], strength: float,
+    background: NDArray[np.float64], derive: bool, explained: NDArray[np.float64], scores: NDArray[np.float64],
     information: NDArray[np.float64],
 ) -> float:
     """F of the cells in which echoes are predicted, less what it is there without them."""
-    n_pings, n_cells = power.shape
-    paths, sides = room_for_paths(order), walls_of(corners, soft)
-    half, hits, walls = paths.half, paths.hits, paths.walls
-    a = np.empty(len(half))
-    index, factor = np.empty(3 * order, np.int64), np.empty(3 * order)
-    reach = (len(shape) - 1) * shape_step
+    paths, sides = room_for_paths(order), walls_of(corners, heard.soft)
+    a, quiet = np.empty(len(paths.half)), 1.0 + background
     total = 0.0
-    for i in range(n_pings):
-        count = trace_paths(sides, ends[i], order, range_max, soft, derive, paths)
+    for i in range(len(heard.power)):
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, derive, paths)
+        _fill_amplitudes(paths, count, heard.gain[i], heard, reflected, a)
         row = explained[i]
         row[:] = 0.0
         for m in range(count):
-            a[m] = gain[i] * falloff(half[m], decay) * paths.weight[m] ** 2
-            for level in range(hits[m]):
-                a[m] *= reflected[walls[m, level]]
-        for m in range(count):  # a path and its reverse add in phase
-            if hits[m] > 1:
-                for q in range(m):
-                    if hits[q] == hits[m] and abs(half[q] - half[m]) < 1e-7 * range_max:
-                        a[q] *= 2.0
-                        a[m] *= 2.0
-                        break
-        for m in range(count):
-            low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
-            for j in range(max(low, 0), min(high, n_cells - 1) + 1):
-                x = abs(j * cell - half[m]) / shape_step
-                k = int(x)
-                if k < len(shape) - 1:
-                    row[j] += a[m] * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
-        total += weight * _echoes_likelihood(power[i], row, background, strength, first)
-        if not derive:
-            continue
-        for m in range(count):
-            low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
-            slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
-            for j in range(max(low, first), min(high, n_cells - 1) + 1):
-                x = (j * cell - half[m]) / shape_step
-                k = int(abs(x))
-                if k < len(shape) - 1:
-                    t = 1.0 + background[j] + strength * row[j]
-                    difference = weight * (power[i, j] / t - 1.0) / t
-                    by_range = strength * a[m] * (shape[k] - shape[k + 1]) / shape_step
-                    if x < 0.0:
-                        by_range = -by_range
-                    by_loss = strength * a[m] * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
-                    slope += difference * by_range
-                    bend += weight * (by_range / t) ** 2
-                    rise += difference * by_loss
-                    spread += weight * (by_loss / t) ** 2
-            for level in range(hits[m]):
-                wall = 3 * walls[m, level]
-                scores[i, wall + 2] += rise
-                for other in range(hits[m]):
-                    information[wall + 2, 3 * walls[m, other] + 2] += spread
-                for axis in range(2):
-                    index[2 * level + axis] = wall + axis
-                    factor[2 * level + axis] = paths.slopes[m, level, axis]
-            for u in range(2 * hits[m]):
-                scores[i, index[u]] += slope * factor[u]
-                for v in range(2 * hits[m]):
-                    information[index[u], index[v]] += bend * factor[u] * factor[v]
-    return total
+            _add_echo(row, paths.half[m], a[m], heard.shape, heard.shape_step, heard.cell)
+        total += _echoes_likelihood(heard.power[i], row, background, strength, heard.first)
+        for m in range(count if derive else 0):
+            _add_derivatives(paths, m, strength * a[m], heard, i, quiet, strength, row, scores[i], information)
+    return heard.weight * total
+
+
+@kernel
+def _fill_amplitudes(
+    paths: Paths, count: int, gain: float, heard: _Heard, reflected: NDArray[np.float64], a: NDArray[np.float64]
+) -> None:
+    """a_m^2 of each path; a path and its reverse add in phase."""
+    for m in range(count):
+        a[m] = gain * falloff(paths.half[m], heard.decay) * paths.weight[m] ** 2
+        for level in range(paths.hits[m]):
+            a[m] *= reflected[paths.walls[m, level]]
+    for m in range(count):
+        if paths.hits[m] > 1:
+            for q in range(m):
+                if paths.hits[q] == paths.hits[m] and abs(paths.half[q] - paths.half[m]) < 1e-7 * heard.range_max:
+                    a[q] *= 2.0
+                    a[m] *= 2.0
+                    break
+
+
+@kernel
+def _cells_near(half: float, reach: float, cell: float, first: int, end: int) -> tuple[int, int]:
+    """The cells, from the first to before the second, within `reach` of an echo at range `half`."""
+    low, high = int(np.ceil((half - reach) / cell)), int((half + reach) / cell)
+    return max(low, first), min(high + 1, end)
+
+
+@kernel
+def _add_echo(
+    row: NDArray[np.float64], half: float, amplitude: float, shape: NDArray[np.float64], shape_step: float, cell: float
+) -> None:
+    """Power of an echo at range `half`, cell by cell."""
+    low, high = _cells_near(half, (len(shape) - 1) * shape_step, cell, 0, len(row))
+    for j in range(low, high):
+        x = abs(j * cell - half) / shape_step
+        k = int(x)
+        if k < len(shape) - 1:
+            row[j] += amplitude * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
+
+
+@kernel
+def _add_derivatives(
+    paths: Paths, m: int, amplitude: float, heard: _Heard, i: int, quiet: NDArray[np.float64], strength: float,
+    row: NDArray[np.float64], scores: NDArray[np.float64], information: NDArray[np.float64],
+) -> None:
+    """A path's share of its ping's scores and of the information, by its range and by its loss."""
+    shape, half = heard.shape, paths.half[m]
+    slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
+    reach = (len(shape) - 1) * heard.shape_step
+    low, high = _cells_near(half, reach, heard.cell, heard.first, len(row))
+    for j in range(low, high):
+        x = (j * heard.cell - half) / heard.shape_step
+        k = int(abs(x))
+        if k < len(shape) - 1:
+            t = quiet[j] + strength * row[j]
+            difference = heard.weight * (heard.power[i, j] / t - 1.0) / t
+            by_range = amplitude * (shape[k] - shape[k + 1]) / heard.shape_step
+            if x < 0.0:
+                by_range = -by_range
+            by_loss = amplitude * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
+            slope += difference * by_range
+            bend += heard.weight * (by_range / t) ** 2
+            rise += difference * by_loss
+            spread += heard.weight * (by_loss / t) ** 2
+    for level in range(paths.hits[m]):
+        wall = 3 * paths.walls[m, level]
+        scores[wall + 2] += rise
+        for axis in range(2):
+            scores[wall + axis] += slope * paths.slopes[m, level, axis]
+        for other in range(paths.hits[m]):
+            beside = 3 * paths.walls[m, other]
+            information[wall + 2, beside + 2] += spread
+            for axis in range(2):
+                by = bend * paths.slopes[m, level, axis]
+                information[wall + axis, beside] += by * paths.slopes[m, other, 0]
+                information[wall + axis, beside + 1] += by * paths.slopes[m, other, 1]
 
 
 @kernel

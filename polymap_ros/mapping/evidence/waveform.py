@@ -73,7 +73,9 @@ class WaveformLikelihood:
     """L of this module for the pings of `data`."""
 
     def __init__(self, data: EchoData) -> None:
-        self.data = data
+        self.data, pulse = data, data.pulse
+        self._heard = _Heard(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, pulse.step_m,
+                             pulse.carrier, pulse.baseband, pulse.curvature)
 
     def signs(self, lines: NDArray[np.float64], loss: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         """Signed reflection coefficients and the device's phase, from the first-order echoes alone.
@@ -178,12 +180,10 @@ class WaveformLikelihood:
     def _sums(
         self, corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64], derive: bool
     ) -> '_Sums':
-        data, pulse = self.data, self.data.pulse
-        pings, size = len(data.positions), 3 * len(corners) if derive else 0
+        pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
         sums = _Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
                      np.zeros((pings, size)), np.zeros((pings, size, size)))
-        _add_up(corners, data.ends, order, data.range_max_m, data.soft_m, data.signal, pulse.step_m,
-                pulse.carrier, pulse.baseband, pulse.curvature, data.spreading, reflection, derive, sums)
+        _add_up(corners, order, self._heard, reflection, derive, sums)
         return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
@@ -194,9 +194,8 @@ class WaveformLikelihood:
         cells = np.arange(data.power.shape[1])
         heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
         predicted = np.zeros_like(heard, dtype=complex)
-        _predict(corners, data.ends, order, data.range_max_m, data.soft_m, data.cell_m, pulse.step_m,
-                 pulse.carrier, pulse.baseband, data.spreading, wave.reflection,
-                 wave.amplitudes * np.exp(1j * wave.phase), predicted)
+        _predict(corners, order, self._heard, data.cell_m, wave.reflection, wave.amplitudes * np.exp(1j * wave.phase),
+                 predicted)
         return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
 
 
@@ -265,6 +264,35 @@ def _cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
     return b + f * (one + f * (two + f * three)), one + f * (2.0 * two + 3.0 * f * three)
 
 
+class _Heard(NamedTuple):
+    """What the kernels need of the data, see `EchoData`; samples of the signal and of the pulse are `step` apart."""
+
+    ends: NDArray[np.float64]
+    signal: NDArray[np.complex64]
+    range_max: float
+    soft: float
+    spreading: float
+    step: float
+    carrier: float
+    baseband: NDArray[np.complex128]
+    curvature: NDArray[np.complex128]
+
+
+class _Room(NamedTuple):
+    """Room for what a ping's paths add up to.
+
+    Of each path: its amplitude b and b exp(2 j k0 d); its slopes; the sums over the paths near it of the slope of psi
+    and of psi; and what stands beside its slopes in the information, where losses have to do with losses by psi itself,
+    in a place of their own.
+    """
+
+    b: NDArray[np.float64]
+    turn: NDArray[np.complex128]
+    slopes: NDArray[np.float64]
+    near: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
 @kernel
 def _amplitude(paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64]) -> float:
     b: float = paths.weight[m] * falloff(paths.half[m], spreading)
@@ -281,73 +309,67 @@ def _turn(angle: float) -> complex:
 
 @kernel
 def _add_up(
-    corners: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    order: int,
-    range_max: float,
-    soft: float,
-    signal: NDArray[np.complex64],
-    step: float,
-    carrier: float,
-    baseband: NDArray[np.complex128],
-    curvature: NDArray[np.complex128],
-    spreading: float,
-    reflection: NDArray[np.float64],
-    derive: bool,
-    sums: _Sums,
+    corners: NDArray[np.float64], order: int, heard: _Heard, reflection: NDArray[np.float64], derive: bool, sums: _Sums
 ) -> None:
     """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|."""
-    paths, sides = room_for_paths(order), walls_of(corners, soft)
-    capacity, n = len(paths.half), len(corners)
-    half = paths.half
-    b, turn = np.empty(capacity), np.empty(capacity, np.complex128)
-    # Of each path: its slopes; the sums over the paths near it of the slope of psi and of psi; and what stands beside
-    # its slopes in the information, where losses have to do with losses by psi itself, in a place of their own.
-    slopes, near, spread = np.empty((capacity, 3 * n)), np.empty((capacity, 2)), np.empty((capacity, 4 * n))
-    reach = (len(baseband) - 5) * step
-    for i in range(len(ends)):
-        count = trace_paths(sides, ends[i], order, range_max, soft, derive, paths)
+    paths, sides, n = room_for_paths(order), walls_of(corners, heard.soft), len(corners)
+    size = len(paths.half)
+    room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
+                 np.empty((size, 4 * n)))
+    for i in range(len(heard.ends)):
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, derive, paths)
         for m in range(count):
-            b[m] = _amplitude(paths, m, spreading, reflection) if half[m] >= 2.0 * step else 0.0
-            turn[m] = b[m] * _turn(2.0 * carrier * half[m])
-        nearest = np.argsort(half[:count])
+            far = paths.half[m] >= 2.0 * heard.step
+            room.b[m] = _amplitude(paths, m, heard.spreading, reflection) if far else 0.0
+            room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m])
         if derive:
-            _gather_slopes(paths, count, n, slopes)
-            near[:count] = 0.0
-            spread[:count] = 0.0
-        u, v = 0.0j, 0.0
-        for q in range(count):
-            m = nearest[q]
-            if b[m] == 0.0:
-                continue
-            value, rate = _cubic(signal[i], half[m] / step)
-            u += value * turn[m]
-            v += b[m] * b[m]
-            if derive:
-                _add_heard(sums.x[i], paths, m, n, (rate / step + 2j * carrier * value) * turn[m], value * turn[m])
-                near[m, 1] += b[m] * b[m]
-                _add_pair(spread[m], slopes[m], -curvature[2].real * b[m] * b[m], 0.0, b[m] * b[m])
-            for p in range(q - 1, -1, -1):
-                other = nearest[p]
-                lag = half[m] - half[other]
-                if lag > reach:
-                    break
-                psi, psi_rate = _cubic(baseband, lag / step + 2.0)
-                wave = turn[m] * turn[other].conjugate()
-                both = (psi * wave).real
-                v += 2.0 * both
-                if derive:
-                    slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
-                    bend = -(_cubic(curvature, lag / step + 2.0)[0] * wave).real
-                    near[m, 0] += slope
-                    near[m, 1] += both
-                    near[other, 0] -= slope
-                    near[other, 1] += both
-                    _add_pair(spread[m], slopes[other], bend, slope, both)
-                    _add_pair(spread[other], slopes[m], bend, -slope, both)
-        sums.u[i], sums.v[i] = u, v
+            _gather_slopes(paths, count, n, room.slopes)
+            room.near[:count] = 0.0
+            room.spread[:count] = 0.0
+        _add_ping(paths, count, n, heard, i, derive, room, sums)
         for m in range(count if derive else 0):
-            _add_information(sums.p[i], sums.information[i], paths, m, slopes[m], near[m], spread[m])
+            _add_information(sums.p[i], sums.information[i], paths, m, room.slopes[m], room.near[m], room.spread[m])
+
+
+@kernel
+def _add_ping(
+    paths: Paths, count: int, n: int, heard: _Heard, i: int, derive: bool, room: _Room, sums: _Sums
+) -> None:
+    """A ping's u, v and x, and what its paths have to do with each other."""
+    half, b, turn, step, carrier = paths.half, room.b, room.turn, heard.step, heard.carrier
+    reach = (len(heard.baseband) - 5) * step
+    nearest = np.argsort(half[:count])
+    u, v = 0.0j, 0.0
+    for q in range(count):
+        m = nearest[q]
+        if b[m] == 0.0:
+            continue
+        value, rate = _cubic(heard.signal[i], half[m] / step)
+        u += value * turn[m]
+        v += b[m] * b[m]
+        if derive:
+            _add_heard(sums.x[i], paths, m, n, (rate / step + 2j * carrier * value) * turn[m], value * turn[m])
+            room.near[m, 1] += b[m] * b[m]
+            _add_pair(room.spread[m], room.slopes[m], -heard.curvature[2].real * b[m] * b[m], 0.0, b[m] * b[m])
+        for p in range(q - 1, -1, -1):
+            other = nearest[p]
+            lag = half[m] - half[other]
+            if lag > reach:
+                break
+            psi, psi_rate = _cubic(heard.baseband, lag / step + 2.0)
+            wave = turn[m] * turn[other].conjugate()
+            both = (psi * wave).real
+            v += 2.0 * both
+            if derive:
+                slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
+                bend = -(_cubic(heard.curvature, lag / step + 2.0)[0] * wave).real
+                room.near[m, 0] += slope
+                room.near[m, 1] += both
+                room.near[other, 0] -= slope
+                room.near[other, 1] += both
+                _add_pair(room.spread[m], room.slopes[other], bend, slope, both)
+                _add_pair(room.spread[other], room.slopes[m], bend, -slope, both)
+    sums.u[i], sums.v[i] = u, v
 
 
 @kernel
@@ -415,30 +437,20 @@ def _add_information(
 
 @kernel
 def _predict(
-    corners: NDArray[np.float64],
-    ends: NDArray[np.float64],
-    order: int,
-    range_max: float,
-    soft: float,
-    cell: float,
-    step: float,
-    carrier: float,
-    baseband: NDArray[np.complex128],
-    spreading: float,
-    reflection: NDArray[np.float64],
-    amplitudes: NDArray[np.complex128],
-    out: NDArray[np.complex128],
+    corners: NDArray[np.float64], order: int, heard: _Heard, cell: float, reflection: NDArray[np.float64],
+    amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
 ) -> None:
-    paths, sides = room_for_paths(order), walls_of(corners, soft)
+    """Add the waveform to every ping's cells, `cell` apart."""
+    paths, sides = room_for_paths(order), walls_of(corners, heard.soft)
     half = paths.half
-    reach = (len(baseband) - 5) * step
-    for i in range(len(ends)):
-        count = trace_paths(sides, ends[i], order, range_max, soft, False, paths)
+    reach = (len(heard.baseband) - 5) * heard.step
+    for i in range(len(heard.ends)):
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, False, paths)
         for m in range(count):
-            b = amplitudes[i] * _amplitude(paths, m, spreading, reflection)
+            b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection)
             low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
             for j in range(max(low, 0), min(high, out.shape[1] - 1) + 1):
                 lag = j * cell - half[m]
-                psi, _ = _cubic(baseband, abs(lag) / step + 2.0)
-                wave = psi * _turn(2.0 * carrier * abs(lag))
+                psi, _ = _cubic(heard.baseband, abs(lag) / heard.step + 2.0)
+                wave = psi * _turn(2.0 * heard.carrier * abs(lag))
                 out[i, j] += b * (wave if lag >= 0.0 else np.conj(wave))
