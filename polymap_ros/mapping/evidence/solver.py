@@ -37,6 +37,9 @@ which takes seconds: where no convex polygon explains them, the work stays bound
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
 
+_BY_CHANCE = 2.0
+"""Nats per ping that moving it may bring although it is where it was reported: twice the mean of two coordinates'."""
+
 CERTAIN = 0.9
 """Likelihood from which an edge counts as certain."""
 
@@ -89,9 +92,7 @@ class EvidenceSolver:
         found = yield from self._found(search, evidence.all_places.count)
         self._last = found
         if found is not None and found.wave is None and search.coherent:
-            placed = yield from place(search, found)
-            if placed is not None:
-                search, found = placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
+            search, found = yield from self._placed(search, found)
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
             return self._open(snapshot, search)
         certainty = yield from certainty_of(search, found)
@@ -123,6 +124,17 @@ class EvidenceSolver:
                     break
                 best = mended
         return best
+
+    def _placed(self, search: Search, found: Found) -> Generator[None, None, tuple[Search, Found]]:
+        """The search and the answer with the pings moved, where that lets the echoes agree in phase and is needed."""
+        placed = yield from place(search, found)
+        if placed is None:
+            return search, found
+        unmoved = yield from search.again(placed.found)
+        by_chance = _BY_CHANCE * len(search.data.positions)
+        if unmoved is not None and unmoved.wave is not None and unmoved.value > placed.found.value - by_chance:
+            return search, unmoved  # only the walls were off
+        return placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
 
     def _open(self, snapshot: Snapshot, search: Search) -> Estimate:
         """The walls that were heard at first order, where they bound no area."""
