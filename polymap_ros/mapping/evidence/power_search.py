@@ -36,6 +36,9 @@ CHORDS = 12
 _LEAST_CHORD = -2.0
 """Evidence from which a cut is tried: at -10 dB a short edge's own feet bring as little, its higher orders the rest."""
 
+_WORTH = 5.0
+"""Nats from which a change is another polygon, and not the same one refined again: under a third of an edge's price."""
+
 _POOL = 100
 _ANNEALING = 20_000
 _CERTAIN_ODDS = 2.2
@@ -87,7 +90,10 @@ class PowerSearch:
             self.data, candidates, evidence, PRICE, self._max_edges, iterations, self._generator)
 
     def improve(self, model: Model, order: int, residual: bool) -> Steps:
-        """Add, drop and exchange edges while the power likelihood less its price grows."""
+        """Add, drop and exchange edges while the power likelihood less its price grows.
+
+        With lines from the `residual`, too, and down to small gains; without, only what is better as it stands.
+        """
         model, score = self.power.refine(model, order, 6)
         score -= PRICE * len(model.lines)
         for _ in range(ROUNDS):
@@ -95,10 +101,12 @@ class PowerSearch:
             trials = self._changes(model, order, residual)
             best = None
             for trial, quick in trials[:4]:
+                if quick <= score and not residual:  # left for the next order
+                    break
                 yield
                 refined, value = self.power.refine(trial, order, 4)
                 value -= PRICE * len(refined.lines)
-                if value > score + 1.0 and (best is None or value > best[1]):
+                if value > score + (1.0 if residual else _WORTH) and (best is None or value > best[1]):
                     best = refined, value
                     if quick > score + 20.0:
                         break
