@@ -60,13 +60,12 @@ def largest_steps(value, lines, wall):
 @pytest.mark.parametrize('kind', ['power', 'waveform'])
 def test_likelihoods_do_not_jump_where_a_path_passes_a_walls_end(kind, nearby, monkeypatch):
     """A quarter of the step changes a smooth likelihood by a quarter; with hard ends some changes stay as large."""
-    power, wave = PowerLikelihood(nearby.data), WaveformLikelihood(nearby.data)
     nothing = np.zeros(nearby.data.power.shape[1])
 
     def value(lines):
         if kind == 'power':
-            return power(Model(lines, np.zeros(5), 3.0, nothing), 3)
-        return wave.evaluate(lines, nearby.reflection, 0.0, 3, derive=False).value
+            return PowerLikelihood(nearby.data)(Model(lines, np.zeros(5), 3.0, nothing), 3)
+        return WaveformLikelihood(nearby.data).evaluate(lines, nearby.reflection, 0.0, 3, derive=False).value
 
     smooth = [largest_steps(value, nearby.lines, wall) for wall in range(5)]
     assert all(fine < 0.3 * coarse for coarse, fine in smooth)
