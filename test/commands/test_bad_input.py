@@ -260,7 +260,8 @@ def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
 @pytest.mark.parametrize(('override', 'text'), [
     ('grid.range_stp_m:=0.01', 'parameter grid.range_stp_m: unknown; did you mean grid.range_step_m?'),
     ('grid.range_step_m:=-1', 'parameter grid.range_step_m: -1.0 is out of range; allowed: double in [1e-06, 10000] m'),
-    ('grid.range_step_m:=.nan', 'parameter grid.range_step_m: nan is out of range; allowed: double in [1e-06, 10000] m'),
+    ('grid.range_step_m:=.nan',
+     'parameter grid.range_step_m: nan is out of range; allowed: double in [1e-06, 10000] m'),
     ('solver.max_edges:=2.5', 'parameter solver.max_edges: 2.5 is of type float; allowed: integer in [3, 64]'),
     ('solver.method:=magic', "parameter solver.method: 'magic' is not known; allowed: "),
     ('solver.seed=3', 'parameter solver.seed=3: expected name:=value'),
