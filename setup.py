@@ -25,7 +25,7 @@ setup(
     install_requires=[
         'numpy>=1.26,<3',
         'scipy>=1.11,<2',
-        'shapely>=2.0,<3',
+        'shapely>=2.0.2,<3',
         'numba>=0.59,<1',
         'pyyaml>=6.0.1,<7',
         'tqdm>=4.64,<5',

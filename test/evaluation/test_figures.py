@@ -19,7 +19,7 @@ def test_success_is_drawn_per_method_in_percent(make_trial):
               for seed in range(4) for edges in (3, 6) for method in ('paper', 'rectangle')]
     figure = success_figure(trials, 'plates')
     axes, = figure.axes
-    assert figure.get_suptitle() == 'plates'
+    assert [text.get_text() for text in figure.texts] == ['plates']
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ['paper', 'rectangle']
     paper, rectangle = (container.lines[0] for container in axes.containers)
     np.testing.assert_allclose(paper.get_ydata(), [75.0, 0.0])
