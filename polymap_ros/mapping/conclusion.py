@@ -16,6 +16,10 @@ STRAIGHTNESS = 0.02
 """A path is straight if it is no wider than this share of its length, or than one step of the range axis: no wall's
 distance then differs by more from that of its mirror image than twice the width."""
 
+_FEW = 0.05
+"""Share of the pings, those furthest aside, that make no path less straight: of a mirror image the others explain more
+than the 0.95 of the echoes that a right polygon has to."""
+
 
 def conclude(
     method: str,
@@ -82,11 +86,23 @@ def path_half_width(snapshot: Snapshot) -> float | None:
     """Half the width [m] of a path too straight to tell sides, else None."""
     if len(snapshot.positions) == 0:
         return None
-    middle, along = _axis(snapshot.positions)
-    offsets = snapshot.positions - middle
+    positions = _without_few(snapshot.positions)
+    middle, along = _axis(positions)
+    offsets = positions - middle
     length, width = np.ptp(offsets @ along), np.ptp(offsets @ (-along[1], along[0]))
     step = snapshot.r_m[1] - snapshot.r_m[0]
     return float(width / 2.0) if width <= max(step, STRAIGHTNESS * length) else None
+
+
+def _without_few(positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The positions without the few that are furthest aside of the line along which the others lie."""
+    kept = positions
+    for _ in range(2):  # those that are aside turn the line, too
+        middle, along = _axis(kept)
+        aside = np.abs((positions - middle) @ (-along[1], along[0]))
+        nearest = np.argsort(aside, kind='stable')[:len(positions) - int(_FEW * len(positions))]
+        kept = positions[np.sort(nearest)]
+    return kept
 
 
 def _axis(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -99,7 +115,7 @@ def _axis(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[
 
 def mirrored(candidate: Candidate, positions: NDArray[np.float64]) -> Candidate:
     """The mirror image about the path, counter-clockwise again."""
-    middle, along = _axis(positions)
+    middle, along = _axis(_without_few(positions))
     offsets = candidate.vertices - middle
     vertices = (middle + 2.0 * np.outer(offsets @ along, along) - offsets)[::-1]
     # Reversed, the edge from corner j runs between the images of corners n - 1 - j and n - 2 - j.

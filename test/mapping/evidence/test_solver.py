@@ -345,3 +345,16 @@ def test_forgetting_starts_from_scratch(hexagon, listen):
         mapper.add_pose(stamp_ns, Pose(*pose))
         mapper.add_ping(Ping(stamp_ns, row, scene.period_s))
     assert written(mapper.solve()) == written(expected)
+
+
+@pytest.mark.parametrize(('edges', 'seed'), [(5, 410), (6, 411), (4, 415)])
+def test_one_ping_aside_of_a_straight_path_does_not_tell_sides(edges, seed, listen):
+    """The other 59 explain the mirror image as well as anything has to be explained."""
+    scene = KINDS['straight'].make(seed, edges).scene
+    poses = scene.poses.copy()
+    first, last = poses[0, :2], poses[-1, :2]
+    across = np.array([first[1] - last[1], last[0] - first[0]])
+    poses[30, :2] += 0.025 * across
+    estimate = listen(dataclasses.replace(scene, poses=poses)).solve()
+    assert estimate.status != 'closed'
+    assert 'straight_path' in codes(estimate)
