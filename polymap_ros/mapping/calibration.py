@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import ParameterError
-from polymap_ros.mapping.conclusion import path_half_width
 from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search
 from polymap_ros.mapping.evidence.solver import EXPLAINED
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
@@ -26,6 +25,7 @@ from polymap_ros.mapping.focus import echo_strength, feet_of, line_focus, wave_f
 from polymap_ros.mapping.peak import Peak, ascend, climb
 from polymap_ros.mapping.session import Session
 from polymap_ros.mapping.snapshot import Snapshot
+from polymap_ros.mapping.straightness import path_half_width
 from polymap_ros.parameters import Parameters
 
 MIN_PINGS = 8

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.mapping.lines import mirrored_lines
 from polymap_ros.mapping.pose import Pose
 
 
@@ -42,13 +43,22 @@ class Edge:
         theta = self.theta + frame.yaw
         r = self.r + frame.x * np.cos(theta) + frame.y * np.sin(theta)
         wrapped = float(np.arctan2(np.sin(theta), np.cos(theta)))
+        return dataclasses.replace(self, r=float(r), theta=wrapped)._spread(_lever(frame.x, frame.y, theta))
+
+    def mirrored(self, middle: NDArray[np.float64], along: NDArray[np.float64]) -> 'Edge':
+        """The mirror image in the line through `middle` along a unit vector."""
+        ((r, theta),) = mirrored_lines((self.r, self.theta), middle, along)
+        lever = _mirror_lever(self.theta, theta, middle)
+        return dataclasses.replace(self, r=float(r), theta=float(theta), r_theta_covariance=-self.r_theta_covariance
+                                   )._spread(-lever)
+
+    def _spread(self, lever: float) -> 'Edge':
+        """With the deviations where r has gained `lever` times theta's error."""
         if self.r_std is None or self.theta_std is None:
-            return dataclasses.replace(self, r=float(r), theta=wrapped)
-        lever = _lever(frame, theta)
+            return self
         variance = self.r_std**2 + 2.0 * lever * self.r_theta_covariance + (lever * self.theta_std) ** 2
         covariance = self.r_theta_covariance + lever * self.theta_std**2
-        return dataclasses.replace(self, r=float(r), theta=wrapped, r_std=float(np.sqrt(max(variance, 0.0))),
-                                   r_theta_covariance=covariance)
+        return dataclasses.replace(self, r_std=float(np.sqrt(max(variance, 0.0))), r_theta_covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +79,35 @@ class Candidate:
             return Candidate(frame.apply(self.vertices), edges)
         change = np.eye(2 * len(edges))
         for k, edge in enumerate(edges):
-            change[2 * k, 2 * k + 1] = _lever(frame, edge.theta)
+            change[2 * k, 2 * k + 1] = _lever(frame.x, frame.y, edge.theta)
         return Candidate(frame.apply(self.vertices), edges, change @ self.covariance @ change.T)
 
+    def mirrored(self, middle: NDArray[np.float64], along: NDArray[np.float64]) -> 'Candidate':
+        """The mirror image in the line through `middle` along a unit vector, counter-clockwise again."""
+        offsets = self.vertices - middle
+        vertices = (middle + 2.0 * np.outer(offsets @ along, along) - offsets)[::-1]
+        # Reversed, the edge from corner j runs between the images of corners n - 1 - j and n - 2 - j.
+        n = len(self.edges)
+        order = np.append(np.arange(n - 2, -1, -1), n - 1)
+        edges = tuple(self.edges[k].mirrored(middle, along) for k in order)
+        if self.covariance is None:
+            return Candidate(vertices, edges)
+        change = np.zeros((2 * n, 2 * n))
+        for row, k in enumerate(order):
+            change[2 * row:2 * row + 2, 2 * k:2 * k + 2] = [
+                [1.0, _mirror_lever(self.edges[k].theta, edges[row].theta, middle)], [0.0, -1.0]]
+        return Candidate(vertices, edges, change @ self.covariance @ change.T)
 
-def _lever(frame: Pose, theta: float) -> float:
-    """How far a frame's origin lies along a wall: the further, the more the angle's error moves r."""
-    return float(frame.y * np.cos(theta) - frame.x * np.sin(theta))
+
+def _lever(x: float, y: float, theta: float) -> float:
+    """How far a place lies along a wall: the further, the more the angle's error moves r as seen from there."""
+    return float(y * np.cos(theta) - x * np.sin(theta))
+
+
+def _mirror_lever(theta: float, image: float, middle: NDArray[np.float64]) -> float:
+    """By how much an error of a wall's angle moves r of its mirror image, which keeps its distance from the middle."""
+    x, y = middle
+    return -_lever(x, y, theta) - _lever(x, y, image)
 
 
 @dataclass(frozen=True)

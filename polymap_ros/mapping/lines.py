@@ -94,6 +94,16 @@ def polygon_lines(vertices: ArrayLike) -> NDArray[np.float64]:
     return np.column_stack((corners[:, 0] * np.cos(theta) + corners[:, 1] * np.sin(theta), theta))
 
 
+def mirrored_lines(lines: ArrayLike, middle: ArrayLike, along: ArrayLike) -> NDArray[np.float64]:
+    """r [m] and theta [rad] of lines (n, 2) mirrored in the line through `middle` along a unit vector, shape (n, 2)."""
+    r, theta = np.asarray(lines, dtype=float).reshape(-1, 2).T
+    (x, y), (c, s) = np.asarray(middle, dtype=float), np.asarray(along, dtype=float)
+    turned = 2.0 * np.arctan2(s, c) - theta
+    turned = np.arctan2(np.sin(turned), np.cos(turned))
+    # Each keeps its distance from the middle.
+    return np.column_stack((r + x * (np.cos(turned) - np.cos(theta)) + y * (np.sin(turned) - np.sin(theta)), turned))
+
+
 def feet_on_edges(vertices: ArrayLike, points: ArrayLike, weights: ArrayLike = 1) -> NDArray[np.intp]:
     """How many of the points (m, 2), each counted `weights` times, have their foot on each edge; shape (n,)."""
     corners, points = np.asarray(vertices, dtype=float), np.asarray(points, dtype=float)

@@ -46,7 +46,8 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     likelihood = 1.0 / (1.0 + np.exp(np.clip(PRICE - losses, -500.0, 500.0)))
     # Where much is left unexplained, a wall that is not there may explain some of it.
     doubt = np.clip((found.explained + search.uncertainty) / 0.85, 0.0, 1.0)
-    silent = np.zeros(len(losses), np.bool_) if found.wave is None else np.abs(found.wave.reflection) < _SILENT
+    reflection = np.exp(0.5 * found.model.loss) if found.wave is None else np.abs(found.wave.reflection)
+    silent = reflection < _SILENT
     unsupported = int(np.sum((bounding & (losses < PRICE)) | silent))
     return Certainty(likelihood * doubt, _covariance(search, found), unsupported)
 

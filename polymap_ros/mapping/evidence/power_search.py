@@ -1,6 +1,6 @@
 """The search by power: from candidate lines to a polygon, by annealing over subsets and by single changes."""
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from polymap_ros.mapping.evidence.proposals import (
     chord_evidence,
     first_strength,
     foot_evidence,
-    run_evidence,
     strongest_chords,
     strongest_lines,
 )
@@ -41,8 +40,6 @@ _WORTH = 5.0
 
 _POOL = 100
 _ANNEALING = 20_000
-_CERTAIN_ODDS = 2.2
-"""Log odds of a likelihood of 0.9."""
 
 Steps = Generator[None, None, Model]
 
@@ -58,7 +55,6 @@ class PowerSearch:
         self._start = self.power.initial(0.0)
         self._expected = 1.0 + self._start.background[None, :]
         self.pool = np.empty((0, 2))
-        self.heard = Candidates(self.pool, np.empty(0))
 
     def starts(self) -> Iterator[Model | None]:
         """Closed polygons to start from, each found by annealing at another assumed strength; None: none closes."""
@@ -71,8 +67,7 @@ class PowerSearch:
         candidates = strongest_lines(self.data, self._expected, strength, _POOL)
         self.pool = candidates.lines
         chosen = self.choose(candidates, strength)
-        self.heard = Candidates(candidates.lines[chosen], candidates.evidence[chosen])
-        subset = self.heard.lines
+        subset = candidates.lines[chosen]
         for line in (None, *candidates.lines):
             subset = subset if line is None else np.vstack((subset, line))
             lines = active(subset, self.data.shortest_m)
@@ -152,11 +147,11 @@ class PowerSearch:
         for index in np.argsort(-gains, kind='stable'):
             if len(chosen) == most + len(other_than) or gains[index] <= _LEAST_CHORD:
                 break
-            if not self._one_of(pool[index], chosen):
+            if not self.one_of(pool[index], chosen):
                 chosen.append(pool[index])
         return np.array(chosen[len(other_than):]).reshape(-1, 2)
 
-    def _one_of(self, line: NDArray[np.float64], known: list[NDArray[np.float64]]) -> bool:
+    def one_of(self, line: NDArray[np.float64], known: Iterable[NDArray[np.float64]]) -> bool:
         """Whether no ping's distance from a line is a pulse's width other than from one that is known."""
         return any(np.abs(self._distances(line) - self._distances(wall)).max() < self.data.pulse.width_m
                    for wall in known)
@@ -172,22 +167,6 @@ class PowerSearch:
             return None
         kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
         return model.with_lines(lines, np.array([kept.get(tuple(entry), 0.0) for entry in lines.tolist()]))
-
-    def certain_walls(self) -> list[tuple[NDArray[np.float64], float]]:
-        """Lines heard at first order with their evidence, each echo counted for the strongest of them only."""
-        data = self.data
-        expected = np.broadcast_to(self._expected, data.power.shape).copy()
-        cells = data.cell_m * np.arange(data.power.shape[1])
-        walls = []
-        for line in self.heard.lines[np.argsort(-self.heard.evidence, kind='stable')]:
-            evidence = run_evidence(data, expected, self._start.strength, line)
-            if evidence < PRICE + _CERTAIN_ODDS:
-                continue
-            walls.append((line, evidence))
-            distance = line[0] - data.positions @ np.array([np.cos(line[1]), np.sin(line[1])])
-            near = np.abs(cells - distance[:, None]) < 2.0 * data.pulse.width_m
-            expected = np.where(near, np.maximum(expected, data.power), expected)
-        return walls
 
     @property
     def uncertainty(self) -> float:

@@ -61,14 +61,6 @@ def first_strength(data: EchoData, expected: NDArray[np.float64]) -> float:
     return strength
 
 
-def run_evidence(
-    data: EchoData, expected: NDArray[np.float64], strength: float, line: NDArray[np.float64]
-) -> float:
-    """Evidence of a line's best contiguous run."""
-    pings, cell = _best_run(data, expected, strength, line)
-    return float(np.sum(foot_evidence(data, expected, strength)[pings, cell]))
-
-
 def _run_strength(
     data: EchoData, expected: NDArray[np.float64], strength: float, line: NDArray[np.float64]
 ) -> float:

@@ -1,7 +1,7 @@
 """The whole search: the polygon that power finds, put right by the waveform's likelihood."""
 
 import dataclasses
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from typing import NamedTuple
 
 import numpy as np
@@ -24,9 +24,6 @@ waveform is worth more than the power, and with a wrong edge in it still more th
 _ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
-_CUTS = (0.15, 0.3, 0.6)
-"""Shares of the shorter edge that a silent wall is tried to take away at a corner."""
-
 _EXCHANGED = 2
 """Edges, those worth least, for which others are tried."""
 
@@ -41,15 +38,13 @@ class Found(NamedTuple):
     """A polygon as a model of power and, where the echoes agree in phase, as a waveform.
 
     `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price;
-    `unheard` says that a wall without any echo cuts off a corner, `misplaced_m` by how much the pings were moved in x
-    and y (standard deviation) for their echoes to agree.
+    `misplaced_m` says by how much the pings were moved in x and y (standard deviation) for their echoes to agree.
     """
 
     model: Model
     wave: Wave | None
     explained: float
     value: float
-    unheard: bool = False
     misplaced_m: float = 0.0
 
     @property
@@ -90,8 +85,7 @@ class Search(PowerSearch):
             model, _ = self.power.refine(model, FULL_ORDER, 3)
             return self._judged(model, None)
         wave = self.wave.refine(last.wave.lines, last.wave.reflection, last.wave.phase, FULL_ORDER, 3)
-        found = None if wave is None else self._judged(model.with_lines(wave.lines, model.loss), wave)
-        return None if found is None else found._replace(unheard=last.unheard)
+        return None if wave is None else self._judged(model.with_lines(wave.lines, model.loss), wave)
 
     def settle(self, model: Model) -> Generator[None, None, Found | None]:
         """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it.
@@ -125,45 +119,7 @@ class Search(PowerSearch):
             if changed is None:
                 break
             wave = changed
-        found = self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
-        unheard = yield from self._cut_off(wave)
-        return None if found is None else found._replace(unheard=unheard)
-
-    def _cut_off(self, wave: Wave) -> Generator[None, None, bool]:
-        """Whether a silent wall across a corner, which takes echoes away that were not heard, is worth its price.
-
-        Orders up to `SEARCH_ORDER` tell first which cuts take away what was heard.
-        """
-        orders = SEARCH_ORDER, FULL_ORDER
-        whole = [self.wave.evaluate(wave.lines, wave.reflection, wave.phase, order, False) for order in orders]
-        for lines, reflection in self._cuts(wave):
-            yield
-            for order, uncut in zip(orders, whole, strict=True):
-                cut = self.wave.evaluate(lines, reflection, wave.phase, order, False)
-                if cut is None or uncut is None or cut.value - PRICE <= uncut.value:
-                    break
-            else:
-                return True
-        return False
-
-    def _cuts(self, wave: Wave) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Lines and reflection coefficients with a silent wall across a corner, beyond all pings."""
-        _, corners = corners_of(wave.lines)
-        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-        for corner in range(len(corners)):
-            before, after = wave.lines[corner - 1, 1], wave.lines[corner, 1]
-            theta = before + 0.5 * np.mod(after - before, 2.0 * np.pi)
-            normal = np.array([np.cos(theta), np.sin(theta)])
-            # Depth of a cut that takes a share of the shorter edge away from the corner.
-            depth = min(lengths[corner - 1], lengths[corner]) * np.sin(0.5 * np.mod(after - before, 2.0 * np.pi))
-            furthest = float(np.max(self.data.positions @ normal))
-            for share in _CUTS:
-                r = float(corners[corner] @ normal) - share * depth
-                if r <= furthest:
-                    break
-                lines = np.vstack((wave.lines, (r, np.angle(np.exp(1j * theta)))))
-                order = np.argsort(lines[:, 1], kind='stable')
-                yield np.ascontiguousarray(lines[order]), np.append(wave.reflection, 0.0)[order]
+        return self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
 
     def judge(self, model: Model) -> Found | None:
         """A model as it stands, by its waveform."""

@@ -1,23 +1,27 @@
 """``solver.method: evidence``: the polygon whose predicted echoes explain what was heard."""
 
+import dataclasses
 import itertools
 from collections.abc import Generator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.mapping.conclusion import MIN_PINGS, mirrored, path_half_width
+from polymap_ros.mapping.conclusion import MIN_PINGS
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
+from polymap_ros.mapping.evidence.cut_off import is_cut_off
 from polymap_ros.mapping.evidence.data import EchoData
+from polymap_ros.mapping.evidence.first_walls import first_walls
+from polymap_ros.mapping.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.positions import place
-from polymap_ros.mapping.evidence.power_search import PRICE
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
 from polymap_ros.mapping.lines import feet_on_edges
 from polymap_ros.mapping.snapshot import Snapshot
 from polymap_ros.mapping.solver import Evidence
+from polymap_ros.mapping.straightness import path_axis, path_half_width
 from polymap_ros.parameters import Parameters
 
 EXPLAINED = 0.95
@@ -58,6 +62,7 @@ class EvidenceSolver:
         """Forget the last answer."""
         self._last: Found | None = None
         self._searched = self._scanned = 0  # pings at the last search, and when it tried all lines
+        self._cut_off, self._cut = False, 0  # whether a wall is missing, and pings when that was looked for
         self._work: Generator[None, None, Estimate] | None = None
         self._answer: Estimate | None = None
 
@@ -83,22 +88,32 @@ class EvidenceSolver:
             Caution('unfinished', 'the solve is still under way'),))
 
     def _solve(self, snapshot: Snapshot, evidence: Evidence) -> Generator[None, None, Estimate]:
-        heard = sum(1 for sounding in evidence.soundings if sounding.echo.size)
-        if heard < MIN_PINGS:
+        kept = sum(1 for sounding in evidence.soundings if sounding.echo.size)
+        if kept < MIN_PINGS:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
-                'too_few_pings', f'pings that could be used: {heard}; a polygon takes at least {MIN_PINGS}'),))
-        search = search_of(evidence, self._parameters)
+                'too_few_pings', f'pings that could be used: {kept}; a polygon takes at least {MIN_PINGS}'),))
+        search, heard = search_of(evidence, self._parameters), evidence.all_places.count
         yield
-        found = yield from self._found(search, evidence.all_places.count)
+        found = yield from self._found(search, heard)
         self._last = found
         if found is not None and found.wave is None and search.coherent:
             search, found = yield from self._placed(search, found)
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
-            return self._open(snapshot, search)
+            return self._open(snapshot, evidence)
+        other = yield from mirror_image(search, found)
+        if other is not None and other.value > found.value:
+            found, other = other, found
+            self._last = found
+        if heard == self._searched or heard >= _SEARCH_AGAIN * self._cut:
+            self._cut_off, self._cut = (yield from is_cut_off(search, found)), heard
         certainty = yield from certainty_of(search, found)
         if self._straight(snapshot) and min(certainty.likelihood) < CERTAIN:
-            return self._open(snapshot, search)
-        return self._conclude(snapshot, search, found, certainty)
+            return self._open(snapshot, evidence)
+        answer = self._conclude(snapshot, search, found, certainty)
+        if answer.polygon is None or other is None or other.value < found.value - AS_LIKELY:
+            return answer
+        second = polygon_of(other, (yield from certainty_of(search, other)), search.data.positions)
+        return _ambiguous(answer, answer.polygon, second)
 
     def _found(self, search: Search, heard: int) -> Generator[None, None, Found | None]:
         """The last answer refined while it explains the echoes, or until there is more to go by; else a new search."""
@@ -136,15 +151,16 @@ class EvidenceSolver:
             return search, unmoved  # only the walls were off
         return placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
 
-    def _open(self, snapshot: Snapshot, search: Search) -> Estimate:
-        """The walls that were heard at first order, where they bound no area."""
-        straight = self._straight(snapshot)
-        odds = ((line, np.clip(evidence - PRICE, -500.0, 500.0)) for line, evidence in search.certain_walls())
-        share = 0.5 if straight else 1.0  # a wall and its mirror image about the path are equally likely
-        walls = tuple(Edge(float(r), float(theta), share / float(1.0 + np.exp(-odd))) for (r, theta), odd in odds)
-        cautions = [Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')]
+    def _open(self, snapshot: Snapshot, evidence: Evidence) -> Estimate:
+        """The walls that first echoes prove."""
+        heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+        assert evidence.pulse is not None, 'the mapper knows its pulse'
+        walls = first_walls(np.array([(sounding.x, sounding.y) for sounding in heard]),
+                            np.array([sounding.rho for sounding in heard]), evidence.pulse.width_m)
+        walls = tuple(wall for wall in walls if wall.likelihood >= CERTAIN)
+        caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
         return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
-                        cautions=(*straight, *cautions))
+                        cautions=(*self._straight(snapshot), caution))
 
     def _straight(self, snapshot: Snapshot) -> list[Caution]:
         width = path_half_width(snapshot)
@@ -159,8 +175,8 @@ class EvidenceSolver:
         cautions = straight + self._cautions(search, found, candidate)
         if straight:
             return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
-                            alternatives=(candidate, mirrored(candidate, snapshot.positions)))
-        if reason := _gap(search, found, certainty, candidate):
+                            alternatives=(candidate, candidate.mirrored(*path_axis(snapshot.positions))))
+        if reason := self._gap(search, certainty, candidate):
             cautions.insert(0, Caution('not_closed', reason))
             walls = tuple(edge for edge in candidate.edges if edge.likelihood >= CERTAIN)
             return Estimate('open', 'evidence', snapshot.stamp_ns, cost=-found.value, walls=walls,
@@ -188,6 +204,19 @@ class EvidenceSolver:
         return cautions
 
 
+    def _gap(self, search: Search, certainty: Certainty, candidate: Candidate) -> str:
+        """Why the polygon is not closed by what was heard; empty if it is."""
+        if certainty.unsupported:
+            return (f'{certainty.unsupported} of {len(candidate.edges)} edges that would close the polygon were not '
+                    'heard')
+        if self._cut_off:
+            return 'echoes are missing that a corner of the polygon would give: a wall that is not heard cuts it off'
+        away = np.linalg.norm(candidate.vertices[:, None] - search.data.positions[None], axis=2).min(axis=1)
+        if np.max(away) > search.data.range_max_m:
+            return f'a corner is {np.max(away):.3g} m away from every ping, beyond what can be heard'
+        return ''
+
+
 def search_of(evidence: Evidence, parameters: Parameters) -> Search:
     """A search over the pings whose echoes are kept."""
     assert evidence.pulse is not None, 'the mapper knows its pulse'
@@ -212,19 +241,14 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
     for _ in itertools.islice(steps, 40):
         pass
     search.judge(square)
+    first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)
     Snapshot.of(evidence).region.iou(corners_of(square.lines)[1])
 
 
-def _gap(search: Search, found: Found, certainty: Certainty, candidate: Candidate) -> str:
-    """Why the polygon is not closed by what was heard; empty if it is."""
-    if certainty.unsupported:
-        return f'{certainty.unsupported} of {len(candidate.edges)} edges that would close the polygon were not heard'
-    if found.unheard:
-        return 'echoes are missing that a corner of the polygon would give: a wall that is not heard cuts it off'
-    away = np.linalg.norm(candidate.vertices[:, None] - search.data.positions[None], axis=2).min(axis=1)
-    if np.max(away) > search.data.range_max_m:
-        return f'a corner is {np.max(away):.3g} m away from every ping, beyond what can be heard'
-    return ''
+def _ambiguous(answer: Estimate, one: Candidate, other: Candidate) -> Estimate:
+    caution = Caution('mirror_image', 'the mirror image about the path explains the echoes as well; drive a turn')
+    return dataclasses.replace(answer, status='ambiguous', polygon=None, iou_free_area=None, alternatives=(one, other),
+                               cautions=(caution, *answer.cautions))
 
 
 def polygon_of(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> Candidate:

@@ -358,3 +358,34 @@ def test_one_ping_aside_of_a_straight_path_does_not_tell_sides(edges, seed, list
     estimate = listen(dataclasses.replace(scene, poses=poses)).solve()
     assert estimate.status != 'closed'
     assert 'straight_path' in codes(estimate)
+
+
+@pytest.mark.parametrize(('edges', 'seed', 'width'), [(5, 410, 0.05), (6, 411, 0.03), (4, 415, 0.03), (3, 408, 0.03)])
+def test_of_a_polygon_and_its_mirror_image_the_better_one_is_found(edges, seed, width, listen):
+    """A path hardly wider than a straight one: power cannot tell the two apart, phase can."""
+    scene = KINDS['straight'].make(seed, edges).scene
+    poses = scene.poses.copy()
+    along = poses[-1, :2] - poses[0, :2]
+    poses[:, :2] += 0.5 * width * np.outer(np.sin(np.linspace(0.0, 3.0 * np.pi, len(poses))), (-along[1], along[0]))
+    estimate = listen(dataclasses.replace(scene, poses=poses)).solve()
+    assert codes(estimate) == []
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+
+
+@pytest.mark.parametrize(('edges', 'seed'), [(5, 223), (7, 400), (4, 415), (5, 416)])
+def test_a_wall_that_is_silent_is_missed_by_magnitudes_too(edges, seed, listen):
+    scene = air_filled(KINDS['unheard'].make(seed, edges).scene)
+    magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
+    estimate = listen(scene, magnitudes, changes={'echo.kind': 'envelope'}).solve()
+    assert estimate.status == 'open'
+    assert 'not_closed' in codes(estimate)
+
+
+@pytest.mark.parametrize(('places', 'seed'), [(3, 602), (3, 611), (4, 614), (4, 600)])
+def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed, listen):
+    scene = random_scene(seed, (3, 4, 5, 6, 7, 8)[seed % 6])
+    chosen = np.repeat(np.linspace(0, 59, places).astype(int), 60 // places)
+    estimate = listen(dataclasses.replace(scene, poses=scene.poses[chosen])).solve()
+    truth = polygon_lines(scene.vertices)
+    assert estimate.status == 'open'
+    assert all(np.any(is_wall(edge, truth)) for edge in estimate.walls)
