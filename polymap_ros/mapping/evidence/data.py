@@ -1,5 +1,6 @@
 """The echoes as the likelihoods read them: in units of the noise, as a signal and as power in cells of range."""
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -100,6 +101,13 @@ class EchoData:
     def extent_m(self) -> float:
         """Diagonal of the path's bounding box [m], at least one pulse width."""
         return max(float(np.hypot(*np.ptp(self.positions, axis=0))), self.pulse.width_m)
+
+    def every(self, count: int) -> 'EchoData':
+        """One ping of so many."""
+        return dataclasses.replace(
+            self, positions=self.positions[::count].copy(), baselines=self.baselines[::count].copy(),
+            signal=self.signal[::count].copy(), power=self.power[::count].copy(), filling=self.filling[::count].copy(),
+            gain=self.gain[::count].copy())
 
     @classmethod
     def of(

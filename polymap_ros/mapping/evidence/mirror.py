@@ -18,8 +18,8 @@ AS_LIKELY = 6.0
 """Nats that a second polygon may be worth less and still has to be reported: odds of 400."""
 
 _ALIKE = 0.8
-"""Share of the power's log likelihood that a mirror image has at least, before it is moved: power is blind to a
-distance that is off by less than a pulse's width, and what only phase can tell apart differs by less."""
+"""Share of the walls' part in the power's log likelihood that a mirror image has at least, before it is moved: power is
+blind to a distance that is off by less than a pulse's width, and what only phase can tell apart differs by less."""
 
 
 def mirror_image(search: Search, found: Found) -> Generator[None, None, Found | None]:
@@ -27,8 +27,8 @@ def mirror_image(search: Search, found: Found) -> Generator[None, None, Found | 
     lines = mirrored_lines(found.lines, *path_axis(search.data.positions))
     own = found.model.with_lines(found.lines, found.model.loss)
     value = search.power.fit_nuisances(own, SEARCH_ORDER)
-    image = own.with_lines(lines, own.loss)
-    if search.power(image, SEARCH_ORDER) < _ALIKE * value or _same(search, image.lines, found):
+    image, nothing = own.with_lines(lines, own.loss), search.power.quiet(own)
+    if search.power(image, SEARCH_ORDER) < nothing + _ALIKE * (value - nothing) or _same(search, image.lines, found):
         return None
     yield
     other = yield from search.settle(image)

@@ -105,7 +105,7 @@ class PowerLikelihood:
                 model.strength = max(model.strength + gradient / max(information, 1e-300), 0.3 * model.strength)
             model.background = self._smooth(
                 self.data.mean_power - 1.0 - model.strength * np.mean(self.explained, axis=0))
-        return self._quiet(model) + float(self.data.weight * _cells_likelihood(
+        return self.quiet(model) + float(self.data.weight * _cells_likelihood(
             self.data.power, self.explained, model.background, model.strength, self.data.first_cell))
 
     def refine(self, model: Model, order: int, iterations: int = 5) -> tuple[Model, float]:
@@ -158,11 +158,11 @@ class PowerLikelihood:
 
     def _evaluate(self, model: Model, corners: NDArray[np.float64], order: int, derive: bool,
                   scores: NDArray[np.float64], information: NDArray[np.float64]) -> float:
-        return self._quiet(model) + float(_power_likelihood(
+        return self.quiet(model) + float(_power_likelihood(
             corners, order, self._heard, np.exp(model.loss), model.strength, model.background, derive, self.explained,
             scores, information))
 
-    def _quiet(self, model: Model) -> float:
+    def quiet(self, model: Model) -> float:
         """F of a model without walls: what cells add in which no echo is predicted."""
         heard = 1.0 + model.background[self.data.first_cell:]
         mean = self.data.mean_power[self.data.first_cell:]

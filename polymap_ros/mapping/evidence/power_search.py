@@ -1,6 +1,6 @@
 """The search by power: from candidate lines to a polygon, by annealing over subsets and by single changes."""
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,9 @@ _LEAST_CHORD = -2.0
 _WORTH = 5.0
 """Nats from which a change is another polygon, and not the same one refined again: under a third of an edge's price."""
 
+_FEW, _ENOUGH, _SCORED = 3, 20, 12
+"""One ping of so many scores all changes first, but so many at least; the best of these are scored by all pings."""
+
 _POOL = 100
 _ANNEALING = 20_000
 
@@ -50,6 +53,8 @@ class PowerSearch:
     def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator) -> None:
         self.data = data
         self.power = PowerLikelihood(data)
+        self._share = max(min(len(data.positions) // _ENOUGH, _FEW), 1)
+        self.few = PowerLikelihood(data.every(self._share))
         self._max_edges = max_edges
         self._generator = generator
         self._start = self.power.initial(0.0)
@@ -103,7 +108,7 @@ class PowerSearch:
                 value -= PRICE * len(refined.lines)
                 if value > score + (1.0 if residual else _WORTH) and (best is None or value > best[1]):
                     best = refined, value
-                    if quick > score + 20.0:
+                    if value > score + PRICE:
                         break
             if best is None:
                 break
@@ -128,9 +133,9 @@ class PowerSearch:
             else:  # nothing closes without it: exchange it for lines that face the same way
                 turn = np.abs(np.angle(np.exp(1j * (pool[:, 1] - model.lines[wall, 1]))))
                 trials += [self._with_line(fewer, line) for line in pool[turn < 1.0][:12]]
-        scored = [(trial, self.power(trial, order) - PRICE * len(trial.lines))
-                  for trial in trials if trial is not None and len(trial.lines) <= self._max_edges]
-        return sorted((entry for entry in scored if np.isfinite(entry[1])), key=lambda entry: -entry[1])
+        allowed = [trial for trial in trials if trial is not None and len(trial.lines) <= self._max_edges]
+        few = [trial for trial, _ in _best_first(allowed, lambda trial: self._share * self.few(trial, order))]
+        return _best_first(few[:_SCORED], lambda trial: self.power(trial, order))
 
     def _promising(
         self, model: Model, expected: NDArray[np.float64], pool: NDArray[np.float64], most: int,
@@ -174,6 +179,12 @@ class PowerSearch:
         cells = self.data.power[:, self.data.first_cell:]
         excess = max(float(np.sum(cells - 1.0)), 1e-300)
         return 3.0 * float(np.sqrt(2.0 * cells.size / self.data.weight)) / excess
+
+
+def _best_first(trials: list[Model], value: Callable[[Model], float]) -> list[tuple[Model, float]]:
+    """The models that bound a polygon, with their value less the price of their edges, best first."""
+    scored = [(trial, value(trial) - PRICE * len(trial.lines)) for trial in trials]
+    return sorted((entry for entry in scored if np.isfinite(entry[1])), key=lambda entry: -entry[1])
 
 
 def active(lines: NDArray[np.float64], shortest_m: float) -> NDArray[np.float64]:

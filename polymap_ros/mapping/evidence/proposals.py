@@ -32,8 +32,9 @@ class Candidates(NamedTuple):
 def foot_evidence(data: EchoData, expected: NDArray[np.float64], strength: float) -> NDArray[np.float64]:
     """Evidence (N, n_cells) of one foot at every range, with `expected` power (broadcast) without it."""
     ranges = np.maximum(np.arange(data.power.shape[1]), 1) * data.cell_m
-    added = strength * data.gain[:, None] * ranges ** (-2.0 * data.spreading)
-    evidence = data.power * (1.0 / expected - 1.0 / (expected + added)) - np.log1p(added / expected)
+    share = strength * data.gain[:, None] * ranges ** (-2.0 * data.spreading) / expected
+    total = 1.0 + share
+    evidence: NDArray[np.float64] = data.power * share / (expected * total) - np.log(total)
     evidence[:, : data.first_cell] = _BLANKED
     return evidence
 

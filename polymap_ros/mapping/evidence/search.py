@@ -30,6 +30,9 @@ _EXCHANGED = 2
 _SCAN_WIDTHS = 1.25
 """Pulse widths between the lines that are tried: power is smooth over one to each side."""
 
+_RESCORED = 300
+"""Of these, the best by a few pings, so many are scored by all."""
+
 _LEAST_REFLECTION = 1e-3
 """Reflection coefficient of a wall that is silent, where a logarithm is needed."""
 
@@ -154,9 +157,10 @@ class Search(PowerSearch):
         wave = self.wave.refine(model.lines, reflection, phase, 1)
         if wave is None:
             return None
-        turned = (self.wave.refine(wave.lines, sign * wave.reflection, wave.phase + turn, SEARCH_ORDER)
+        turned = (self.wave.evaluate(wave.lines, sign * wave.reflection, wave.phase + turn, SEARCH_ORDER, derive=False)
                   for sign, turn in ((1.0, 0.0), (-1.0, np.pi)))  # echoes of even order tell these apart
         wave = max((each for each in turned if each is not None), key=lambda each: each.value, default=None)
+        wave = wave and self.wave.refine(wave.lines, wave.reflection, wave.phase, SEARCH_ORDER)
         return wave and self.wave.refine(wave.lines, wave.reflection, wave.phase, FULL_ORDER)
 
     def _dropped(self, wave: Wave) -> Generator[None, None, Wave | None]:
@@ -235,7 +239,7 @@ class Search(PowerSearch):
         width = _SCAN_WIDTHS * self.data.pulse.width_m
         _, corners = corners_of(base.lines)
         theta = np.arange(-np.pi, np.pi, 2.0 * width / self.data.extent_m)
-        rows = []
+        trials = []
         for angle in theta:
             yield
             normal = np.array([np.cos(angle), np.sin(angle)])
@@ -244,7 +248,9 @@ class Search(PowerSearch):
             for r in np.arange(low + width / 2.0, high, width):
                 trial = self._with_line(base, np.array([r, angle]))
                 if trial is not None:
-                    rows.append((self.power(trial, 2), float(r), float(angle)))
+                    trials.append((self.few(trial, 2), float(r), float(angle), trial))
+        trials.sort(key=lambda entry: entry[:3], reverse=True)
+        rows = [(self.power(trial, 2), r, angle) for _, r, angle, trial in trials[:_RESCORED]]
         best: list[tuple[float, float, float]] = []
         for value, r, angle in sorted(rows, reverse=True):
             if len(best) == CHORDS:

@@ -62,7 +62,9 @@ class EvidenceSolver:
         """Forget the last answer."""
         self._last: Found | None = None
         self._searched = self._scanned = 0  # pings at the last search, and when it tried all lines
-        self._cut_off, self._cut = False, 0  # whether a wall is missing, and pings when that was looked for
+        self._doubted_at = 0  # pings when a missing wall and a mirror image that is as likely were looked for
+        self._cut_off = False
+        self._other: Found | None = None
         self._work: Generator[None, None, Estimate] | None = None
         self._answer: Estimate | None = None
 
@@ -100,17 +102,12 @@ class EvidenceSolver:
             search, found = yield from self._placed(search, found)
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
             return self._open(snapshot, evidence)
-        other = yield from mirror_image(search, found)
-        if other is not None and other.value > found.value:
-            found, other = other, found
-            self._last = found
-        if heard == self._searched or heard >= _SEARCH_AGAIN * self._cut:
-            self._cut_off, self._cut = (yield from is_cut_off(search, found)), heard
+        found, other = yield from self._doubted(search, found, heard)
         certainty = yield from certainty_of(search, found)
         if self._straight(snapshot) and min(certainty.likelihood) < CERTAIN:
             return self._open(snapshot, evidence)
         answer = self._conclude(snapshot, search, found, certainty)
-        if answer.polygon is None or other is None or other.value < found.value - AS_LIKELY:
+        if answer.polygon is None or other is None:
             return answer
         second = polygon_of(other, (yield from certainty_of(search, other)), search.data.positions)
         return _ambiguous(answer, answer.polygon, second)
@@ -139,6 +136,23 @@ class EvidenceSolver:
                     break
                 best = mended
         return best
+
+    def _doubted(self, search: Search, found: Found, heard: int) -> Generator[None, None, tuple[Found, Found | None]]:
+        """The better of the answer and its mirror image, and the other if it is as likely.
+
+        Looks for a missing wall, too, and for both after a search, or when there is more to go by.
+        """
+        if self._searched > self._doubted_at or heard >= _SEARCH_AGAIN * self._doubted_at:
+            self._doubted_at, self._other = heard, (yield from mirror_image(search, found))
+            if self._other is not None and self._other.value > found.value:
+                found, self._other = self._other, found
+                self._last = found
+            self._cut_off = yield from is_cut_off(search, found)
+        elif self._other is not None:
+            self._other = yield from search.again(self._other)
+        if self._other is not None and self._other.value < found.value - AS_LIKELY:
+            self._other = None
+        return found, self._other
 
     def _placed(self, search: Search, found: Found) -> Generator[None, None, tuple[Search, Found]]:
         """The search and the answer with the pings moved, where that lets the echoes agree in phase and is needed."""

@@ -387,5 +387,5 @@ def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed,
     chosen = np.repeat(np.linspace(0, 59, places).astype(int), 60 // places)
     estimate = listen(dataclasses.replace(scene, poses=scene.poses[chosen])).solve()
     truth = polygon_lines(scene.vertices)
-    assert estimate.status == 'open'
+    assert estimate.polygon is None or compare(estimate.polygon.vertices, scene.vertices).right
     assert all(np.any(is_wall(edge, truth)) for edge in estimate.walls)
