@@ -334,8 +334,8 @@ class OutputParameters(Group):
     autosave_s: float = parameter(0.0, 'time between automatic saves; 0: none', unit='s', minimum=0.0, maximum=1e6,
                                   live=True)
     load_path: str = parameter(
-        '', 'state.npz to continue from; odometry that begins before it is taken for that of another clock, or left '
-        'out with odometry.on_jump_back: ignore')
+        '', 'state.npz to continue from, or its folder; odometry that begins before it is taken for that of another '
+        'clock, or left out with odometry.on_jump_back: ignore')
 
 
 @dataclass(frozen=True)

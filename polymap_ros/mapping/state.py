@@ -39,7 +39,8 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
     then, now = dict(state['parameters'].tolist()), _mattering(parameters)
     for name in sorted(then.keys() | now.keys()):
         if then.get(name) != now.get(name):
-            raise StateError(f'the state was taken with {name} {then.get(name)}, now it is {now.get(name)}')
+            raise StateError(f'the saved map was made with {name} {then.get(name)}, now it is {now.get(name)}: set it '
+                             'as it was, or begin a new map without output.load_path')
     parts: dict[str, Part] = {}
     for key, array in state.items():
         part, _, name = key.partition('.')

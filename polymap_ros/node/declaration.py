@@ -1,6 +1,7 @@
 """The node's ROS parameters: declared, described and changed from the one source, `polymap_ros.parameters`."""
 
 import dataclasses
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -42,8 +43,12 @@ def declare(node: Node, arguments: Sequence[str]) -> Parameters:
         For a parameter file that holds something else.
     """
     given = _taken_overrides(node)
-    files = list(_parameter_files(arguments))
-    spared = _for_other_nodes(files, arguments)
+    files, full_name = list(_parameter_files(arguments)), node.get_fully_qualified_name()
+    for path, keys in files:
+        if keys and not any(_matches(key, full_name) for key in keys):
+            node.get_logger().warning(f'parameter file {path}: nothing in it is for this node, {full_name}; it is for '
+                                      f'{", ".join(keys)}. /**: is for all nodes')
+    spared = _for_other_nodes(files, arguments, full_name)
     values = {name: value for name, value in given.items()
               if name.partition('.')[0] in GROUPS and (name in SPECIFICATIONS or name not in spared)}
     parameters = dataclasses.replace(Parameters().replaced(values), folder=_folder(files))
@@ -158,15 +163,25 @@ def _names(tree: Mapping[str, Any], prefix: str = '') -> Iterator[str]:
             yield f'{prefix}{key}'
 
 
-def _for_other_nodes(files: Sequence[tuple[Path, dict[str, set[str]]]], arguments: Sequence[str]) -> set[str]:
-    """Names given to all nodes in files (``/**``) and nowhere by themselves."""
+def _for_other_nodes(
+    files: Sequence[tuple[Path, dict[str, set[str]]]], arguments: Sequence[str], full_name: str
+) -> set[str]:
+    """Names given to all nodes in files (``/**``) and not to this one by itself."""
     shared: set[str] = set()
     own = {value.partition(':=')[0].rpartition(':')[2]
            for flag, value in pairwise(arguments) if flag in ('-p', '--param')}
     for _, keys in files:
         for key, names in keys.items():
-            (shared if key == '/**' else own).update(names)
+            if _matches(key, full_name):
+                (shared if key == '/**' else own).update(names)
     return shared - own
+
+
+def _matches(key: str, full_name: str) -> bool:
+    """Whether a key of a parameter file is for a node: ``*`` stands for one name, ``**`` for any number of them."""
+    parts = ('(/[^/]+)*' if part == '**' else '/' + re.escape(part).replace(r'\*', '[^/]*')
+             for part in key.strip('/').split('/'))
+    return re.fullmatch(''.join(parts), full_name) is not None
 
 
 def _folder(files: Sequence[tuple[Path, dict[str, set[str]]]]) -> Path:

@@ -77,7 +77,7 @@ class Diagnostics:
         ))
         for found, text in findings:
             if found != OK:
-                self._log(text, now_s)
+                self._log(found, text, now_s)
 
     def _counts(self) -> Counter[str]:
         parts = self._parts
@@ -125,7 +125,8 @@ class Diagnostics:
         elif estimate is not None:
             for caution in estimate.cautions:
                 yield WARN, caution.text
-        yield OK, summary(estimate)
+        first = estimate is None and counts.used > 0
+        yield OK, f'{counts.used} pings; the first solve is to come' if first else summary(estimate)
 
     def _drops(self, new: Counter[str]) -> Iterator[tuple[bytes, str]]:
         texts = self._parts.mapper.last_drop_texts
@@ -164,9 +165,10 @@ class Diagnostics:
             }
         return values
 
-    def _log(self, text: str, now_s: float) -> None:
+    def _log(self, level: bytes, text: str, now_s: float) -> None:
         kind = re.sub(r'\b\d+(\.\d+)?\b', '', text.partition(':')[0])
         if now_s - self._told_s.get(kind, -REPEAT_S) >= REPEAT_S:
             self._told_s[kind] = now_s
-            self._node.get_logger().warning(text)
+            logger = self._node.get_logger()
+            (logger.error if level == ERROR else logger.warning)(text)
 

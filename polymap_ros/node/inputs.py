@@ -87,8 +87,13 @@ class Input:
         for each in alike:
             compatible, why = qos_check_compatible(each.qos_profile, self._subscription.qos_profile)
             if compatible == QoSCompatibility.ERROR:
-                return f'incompatible QoS on {self.topic}: {why.strip().rstrip(";")}'
+                text = why.replace('ERROR:', '').strip().rstrip(';').lower()
+                return f'incompatible QoS on {self.topic}: {text}; {self._remedy}'
         return f'{self.topic} has a publisher, but no message {"came" if self.received == 0 else "comes any more"}'
+
+    @property
+    def _remedy(self) -> str:
+        return f'ours can be set by qos_overrides.{self.topic}.subscription.*'
 
     def refuse(self, reason: str) -> None:
         """Count a message that came and was no use."""
@@ -106,5 +111,5 @@ class Input:
     def _incompatible(self, event: Any) -> None:
         self.incompatible = event.total_count
         policy = qos_policy_name_from_kind(event.last_policy_kind)
-        self._node.get_logger().warning(f'a publisher on {self.topic} offers incompatible QoS ({policy}); ours can be '
-                                        f'set by qos_overrides.{self.topic}.subscription.*')
+        self._node.get_logger().warning(f'a publisher on {self.topic} offers incompatible QoS ({policy}); '
+                                        f'{self._remedy}')

@@ -94,6 +94,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         frame_id = self._mapper.frame_id
         self._mapper.reset()
         self._solving.drop()
+        self._saver.begin_anew()
         self._outputs.clear(frame_id)
 
     def close(self) -> None:

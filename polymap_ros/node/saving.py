@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
@@ -22,6 +22,14 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.save import write_results
+
+
+class Content(NamedTuple):
+    """What a save holds: the number of the map, counted by resets, its pings, and the answer."""
+
+    map: int
+    pings: int
+    estimate: Estimate | None
 
 
 class Saver:
@@ -55,53 +63,72 @@ class Saver:
         self._parameters = parameters
         self._start = stopwatch.timed('begin of a save', self._start_save)
         self._writer = ThreadPoolExecutor(1, thread_name_prefix='save')
-        self._automatic: Future[Path] | None = None
+        self._automatic: tuple[Content, Future[Path]] | None = None
         self._automatic_s = time.monotonic()
         self._automatic_folder: Path | None = None
-        self._saved_pings = 0
+        self._maps = 0
+        self._saved = self._content()
         # A group of its own: the service waits for the disk, and the inputs must not wait with it.
         node.create_service(Trigger, '~/save', self._serve, callback_group=MutuallyExclusiveCallbackGroup())
 
     def autosave(self) -> None:
         """Save where `output.autosave_s` asks for it and something new came; called about once a second."""
-        if self._automatic is not None:
-            if not self._automatic.done():
-                return
-            self._finish_automatic(self._automatic)
-            self._automatic = None
+        if self._automatic is not None and not self._automatic[1].done():
+            return
+        self._finish_automatic()
         interval_s = self._parameters().output.autosave_s
         due = interval_s > 0.0 and time.monotonic() - self._automatic_s >= interval_s
-        if due and self._mapper.counts.used > self._saved_pings:
+        if due and self._is_new():
             self._automatic_s = time.monotonic()
-            self._automatic = self._start()
+            self._automatic = self._content(), self._start()
+
+    def begin_anew(self) -> None:
+        """The map is reset: what was saved of it stays, and the next one is saved beside it."""
+        self._maps += 1
+        self._automatic_folder = None
 
     def close(self) -> None:
         """Let a running save finish, and save a last time where automatic saves are on."""
-        if self._automatic is not None:
-            self._finish_automatic(self._automatic)
-        if self._parameters().output.autosave_s > 0.0 and self._mapper.counts.used > self._saved_pings:
-            self._finish_automatic(self._start())
+        self._finish_automatic()
+        if self._parameters().output.autosave_s > 0.0 and self._is_new():
+            self._automatic = self._content(), self._start()
+            self._finish_automatic()
         self._writer.shutdown()
+
+    def _content(self) -> 'Content':
+        return Content(self._maps, self._mapper.counts.used, self._mapper.estimate)
+
+    def _is_new(self) -> bool:
+        """Whether pings came, or an answer, since the last automatic save that succeeded."""
+        content = self._content()
+        return content.pings > 0 and content != self._saved
 
     def _start_save(self) -> 'Future[Path]':
         mapper, parameters = self._mapper, self._parameters()
-        self._saved_pings = mapper.counts.used
         estimate = mapper.estimate or Estimate(
             'open', parameters.solver.method, cautions=(Caution('no_answer', 'nothing has been solved yet'),))
         return self._writer.submit(write, mapper.twin(), estimate, parameters)
 
-    def _finish_automatic(self, future: 'Future[Path]') -> None:
-        """Keep only the newest automatic save."""
-        before, self._automatic_folder = self._automatic_folder, self._note(future)
-        if before is not None and self._automatic_folder is not None:
-            self._writer.submit(discard, before)
+    def _finish_automatic(self) -> None:
+        """Of each map keep only the newest automatic save."""
+        if self._automatic is None:
+            return
+        (content, future), self._automatic = self._automatic, None
+        folder = self._note(future)
+        if folder is None:  # tried again after the next interval
+            return
+        self._saved = content
+        if content.map == self._maps:
+            if self._automatic_folder is not None:
+                self._writer.submit(discard, self._automatic_folder)
+            self._automatic_folder = folder
 
     def _note(self, future: 'Future[Path]') -> Path | None:
         try:
             folder = future.result()
         except (OSError, PolymapError) as error:
             self.problem = f'cannot save: {error}'
-            self._node.get_logger().error(self.problem)
+            self._node.get_logger().error(self.problem, throttle_duration_sec=10.0)
             return None
         self.saved, self.problem = str(folder), ''
         return folder

@@ -33,13 +33,14 @@ def state_npz(state: Mapping[str, NDArray[np.generic]]) -> bytes:
 
 
 def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
-    """Read a state.npz for `PolygonMapper.from_state`.
+    """Read a state.npz, given by itself or by its folder, for `PolygonMapper.from_state`.
 
     Raises
     ------
     StateError
         For a file that is missing, damaged, or no saved state of a format known here.
     """
+    path = path / 'state.npz' if path.is_dir() else path
     problem = f'{path}: is no saved state, or a damaged one; allowed: state.npz of polymap_replay or ~/save'
     try:
         with path.open('rb') as stream:

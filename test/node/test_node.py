@@ -1,5 +1,6 @@
 """The node as its users meet it: signals, wrong input, parameters, services, time jumps, namespaces."""
 
+import json
 import signal
 import time
 from pathlib import Path
@@ -307,6 +308,67 @@ def test_autosave_keeps_the_newest_whole_map_and_saves_at_the_end(peer, start, t
     folders = list(tmp_path.iterdir())
     assert [folder.name for folder in folders] == [f'{8 * PERIOD_NS}-1']
     assert read_state(folders[0] / 'state.npz')['queue.counts'].tolist() == [8, 8]
+
+
+def test_after_a_reset_the_new_map_is_saved_beside_the_old_one(peer, start, tmp_path, riding):
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}', '-p', 'output.autosave_s:=0.2')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 8)
+    peer.spin_until(lambda: values().get('status') and values().get('saved'), 'an answer and an automatic save')
+    assert peer.call('/polymap_node/reset', TRIGGER).success
+    ride.publish(10, 14)
+    peer.until_used(values, 4)
+    peer.spin_until(lambda: f'{14 * PERIOD_NS}-' in values()['saved'], 'a save of the new map')
+    ride.publish(14, 16)
+    peer.until_used(values, 6)
+    assert node.stop(signal.SIGTERM) == 0
+    counts = {int(folder.name.partition('-')[0]): read_state(folder)['queue.counts'].tolist()[0]
+              for folder in tmp_path.iterdir()}
+    assert counts == {8 * PERIOD_NS: 8, 16 * PERIOD_NS: 6}
+
+
+def test_the_answer_that_comes_after_the_last_ping_is_saved_too(peer, start, tmp_path, riding):
+    start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}', '-p', 'output.autosave_s:=0.2')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 8)
+    peer.spin_until(lambda: values().get('status'), 'an answer')
+
+    def saved():
+        folders = [folder for folder in tmp_path.iterdir() if folder.name[0].isdigit()]
+        return folders and json.loads((folders[0] / 'polygon.json').read_text())['stamp_ns'] > 0
+
+    peer.spin_until(saved, 'a save of that answer')
+
+
+def test_an_automatic_save_that_fails_is_tried_again(peer, start, tmp_path, riding):
+    (tmp_path / 'place').write_text('in the way')
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}/place', '-p', 'output.autosave_s:=0.2')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 5)
+    node.wait_for_line('cannot save: ')
+    (tmp_path / 'place').unlink()
+    peer.spin_until(lambda: values().get('saved'), 'an automatic save')
+
+
+def test_names_for_other_nodes_are_left_alone(start, tmp_path):
+    file = tmp_path / 'all.yaml'
+    file.write_text('/**: {ros__parameters: {map: {file: foo.yaml}, solver: {max_edges: 7}}}\n'
+                    'other_node: {ros__parameters: {map: {file: bar.yaml}}}\n')
+    node = start('--ros-args', '--params-file', str(file))
+    assert any('solver.max_edges: 7' in line for line in node.lines)
+
+
+@pytest.mark.parametrize(('rule', 'key', 'warned'), [
+    ('__ns:=/a', 'polymap_node', True), ('__node:=mapper', 'polymap_node', True),
+    ('__ns:=/a', '/a/polymap_node', False), ('__ns:=/a', '/**/polymap_node', False),
+    ('__ns:=/a', '/*/polymap_node', False), ('__ns:=/a', '/**', False)])
+def test_a_parameter_file_that_is_for_another_node_is_told(start, tmp_path, rule, key, warned):
+    file = tmp_path / 'mine.yaml'
+    file.write_text(f'{key}: {{ros__parameters: {{solver: {{max_edges: 7}}}}}}\n')
+    node = start('--ros-args', '-r', rule, '--params-file', str(file))
+    told = any('nothing in it is for this node' in line for line in node.lines)
+    applied = any('solver.max_edges: 7' in line for line in node.lines)
+    assert (told, applied) == (warned, not warned)
 
 
 def test_two_nodes_in_two_namespaces_do_not_disturb_each_other(peer, start, riding):
