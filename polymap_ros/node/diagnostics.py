@@ -169,6 +169,8 @@ class Diagnostics:
         kind = re.sub(r'\b\d+(\.\d+)?\b', '', text.partition(':')[0])
         if now_s - self._told_s.get(kind, -REPEAT_S) >= REPEAT_S:
             self._told_s[kind] = now_s
-            logger = self._node.get_logger()
-            (logger.error if level == ERROR else logger.warning)(text)
+            if level == ERROR:  # each in a line of its own, as rclpy allows one severity per line of code
+                self._node.get_logger().error(text)
+            else:
+                self._node.get_logger().warning(text)
 

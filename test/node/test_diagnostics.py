@@ -35,6 +35,7 @@ def test_queue_overflow_and_missing_odometry(peer, start, riding):
         ride.ping((k + 2) * SECOND_NS, ride.samples[k])
     found = says(peer, values, 'queue_full: 3 pings wait for their odometry (odometry.queue_size)')
     assert (found['level'], found['pings waiting'], found['pings dropped: queue_full']) == ('2', '3', '2')
+    assert '[ERROR]' in node.wait_for_line('queue_full')
     says(peer, values, '/odom has a publisher, but no message comes any more')
     node.wait_for_line('/odom has a publisher, but no message comes any more')
     peer.node.destroy_publisher(ride.odometry)

@@ -25,11 +25,13 @@ _SILENT = 0.2
 class Certainty(NamedTuple):
     """Of each edge: the probability that it is real; of all, the covariance (2 n, 2 n) of r [m], theta [rad] of each.
 
-    `unsupported` edges bound the polygon and were not heard: without them nothing closes, or they hardly reflect.
+    `silent` edges hardly reflect. `unsupported` ones bound the polygon and were not heard: they are silent, or without
+    them nothing closes.
     """
 
     likelihood: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    silent: NDArray[np.bool_]
     unsupported: int
 
 
@@ -49,7 +51,7 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     reflection = np.exp(0.5 * found.model.loss) if found.wave is None else np.abs(found.wave.reflection)
     silent = reflection < _SILENT
     unsupported = int(np.sum((bounding & (losses < PRICE)) | silent))
-    return Certainty(likelihood * doubt, _covariance(search, found), unsupported)
+    return Certainty(likelihood * doubt, _covariance(search, found), silent, unsupported)
 
 
 def _wave_loss(search: Search, wave: Wave, wall: int) -> tuple[float, bool]:
@@ -101,7 +103,7 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     spread = inverse @ (centred.T @ centred) @ inverse * (pings / max(pings - 3, 1))
     walls = np.arange(len(scale)) % 3 < 2  # without the losses
     plain, robust = inverse[np.ix_(walls, walls)], np.diag(spread)[walls]
-    factor = np.maximum(1.0, np.max((robust / np.maximum(np.diag(plain), 1e-300)).reshape(-1, 2), axis=1))
+    factor = np.maximum(1.0, np.mean((robust / np.maximum(np.diag(plain), 1e-300)).reshape(-1, 2), axis=1))
     factor = np.repeat(np.sqrt(factor), 2)
     covariance: NDArray[np.float64] = plain * np.outer(factor, factor)
     pulse = search.data.pulse

@@ -121,9 +121,9 @@ class EchoData:
         positions = np.array([(sounding.x, sounding.y) for sounding in soundings])
         scaled = np.array([sounding.echo / np.float32(sounding.noise) for sounding in soundings])
         ranges = pulse.step_m * np.arange(scaled.shape[1])
-        signal = (scaled * np.exp(-2j * pulse.carrier * ranges)).astype(np.complex64)
+        signal = scaled * np.exp(-2j * pulse.carrier * ranges).astype(np.complex64)
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
-        heard = np.cumsum(np.sum(np.abs(scaled) ** 2, axis=0))
+        heard = np.cumsum(np.sum(scaled.real**2 + scaled.imag**2, axis=0))
         last = min(int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - len(pulse.power) - 4)
         power = 0.5 * np.abs(scaled[:, :last + 1:stride]).astype(float) ** 2
         quiet = np.quantile(power, 0.2, axis=1) / -np.log(0.8)  # of an exponential's mean

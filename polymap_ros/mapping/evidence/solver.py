@@ -95,18 +95,19 @@ class EvidenceSolver:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
                 'too_few_pings', f'pings that could be used: {kept}; a polygon takes at least {MIN_PINGS}'),))
         search, heard = search_of(evidence, self._parameters), evidence.all_places.count
+        straight = _straight(snapshot)
         yield
         found = yield from self._found(search, heard)
         self._last = found
         if found is not None and found.wave is None and search.coherent:
             search, found = yield from self._placed(search, found)
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
-            return self._open(snapshot, evidence)
+            return _open(snapshot, evidence, straight)
         found, other = yield from self._doubted(search, found, heard)
         certainty = yield from certainty_of(search, found)
-        if self._straight(snapshot) and min(certainty.likelihood) < CERTAIN:
-            return self._open(snapshot, evidence)
-        answer = self._conclude(snapshot, search, found, certainty)
+        if straight and min(certainty.likelihood) < CERTAIN:
+            return _open(snapshot, evidence, straight)
+        answer = self._conclude(snapshot, search, found, certainty, straight)
         if answer.polygon is None or other is None:
             return answer
         second = polygon_of(other, (yield from certainty_of(search, other)), search.data.positions)
@@ -165,34 +166,18 @@ class EvidenceSolver:
             return search, unmoved  # only the walls were off
         return placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
 
-    def _open(self, snapshot: Snapshot, evidence: Evidence) -> Estimate:
-        """The walls that first echoes prove."""
-        heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
-        assert evidence.pulse is not None, 'the mapper knows its pulse'
-        walls = first_walls(np.array([(sounding.x, sounding.y) for sounding in heard]),
-                            np.array([sounding.rho for sounding in heard]), evidence.pulse.width_m)
-        walls = tuple(wall for wall in walls if wall.likelihood >= CERTAIN)
-        caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
-        return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
-                        cautions=(*self._straight(snapshot), caution))
-
-    def _straight(self, snapshot: Snapshot) -> list[Caution]:
-        width = path_half_width(snapshot)
-        if width is None:
-            return []
-        return [Caution('straight_path', f'the sensor stayed within {width:.3g} m of one straight line, about which '
-                                         'walls cannot be told from their mirror images; drive a turn')]
-
-    def _conclude(self, snapshot: Snapshot, search: Search, found: Found, certainty: Certainty) -> Estimate:
+    def _conclude(
+        self, snapshot: Snapshot, search: Search, found: Found, certainty: Certainty, straight: list[Caution]
+    ) -> Estimate:
         candidate = polygon_of(found, certainty, search.data.positions)
-        straight = self._straight(snapshot)
         cautions = straight + self._cautions(search, found, candidate)
         if straight:
             return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
                             alternatives=(candidate, candidate.mirrored(*path_axis(snapshot.positions))))
         if reason := self._gap(search, certainty, candidate):
             cautions.insert(0, Caution('not_closed', reason))
-            walls = tuple(edge for edge in candidate.edges if edge.likelihood >= CERTAIN)
+            walls = tuple(edge for edge, silent in zip(candidate.edges, certainty.silent, strict=True)
+                          if edge.likelihood >= CERTAIN and not silent)
             return Estimate('open', 'evidence', snapshot.stamp_ns, cost=-found.value, walls=walls,
                             cautions=tuple(cautions))
         return Estimate('closed', 'evidence', snapshot.stamp_ns, candidate, cost=-found.value,
@@ -257,6 +242,25 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
     search.judge(square)
     first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)
     Snapshot.of(evidence).region.iou(corners_of(square.lines)[1])
+
+
+def _open(snapshot: Snapshot, evidence: Evidence, straight: list[Caution]) -> Estimate:
+    """The walls that first echoes prove."""
+    heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+    assert evidence.pulse is not None, 'the mapper knows its pulse'
+    walls = first_walls(np.array([(sounding.x, sounding.y) for sounding in heard]),
+                        np.array([sounding.rho for sounding in heard]), evidence.pulse.width_m)
+    walls = tuple(wall for wall in walls if wall.likelihood >= CERTAIN)
+    caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
+    return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls, cautions=(*straight, caution))
+
+
+def _straight(snapshot: Snapshot) -> list[Caution]:
+    width = path_half_width(snapshot)
+    if width is None:
+        return []
+    return [Caution('straight_path', f'the sensor stayed within {width:.3g} m of one straight line, about which '
+                                     'walls cannot be told from their mirror images; drive a turn')]
 
 
 def _ambiguous(answer: Estimate, one: Candidate, other: Candidate) -> Estimate:

@@ -215,13 +215,15 @@ def predict(
     paths, sides = room_for_paths(order), walls_of(corners, heard.soft)
     half = paths.half
     reach = (len(heard.baseband) - 5) * heard.step
+    on = _turn(2.0 * heard.carrier * cell)
     for i in range(len(heard.ends)):
         count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, False, paths)
         for m in range(count):
             b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection)
-            low, high = int(np.ceil((half[m] - reach) / cell)), int((half[m] + reach) / cell)
-            for j in range(max(low, 0), min(high, out.shape[1] - 1) + 1):
+            low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
+            turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]))
+            for j in range(low, min(high, out.shape[1] - 1) + 1):
                 lag = j * cell - half[m]
                 psi, _ = _cubic(heard.baseband, abs(lag) / heard.step + 2.0)
-                wave = psi * _turn(2.0 * heard.carrier * abs(lag))
-                out[i, j] += b * (wave if lag >= 0.0 else np.conj(wave))
+                out[i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
+                turned *= on
