@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 from polymap_ros.mapping.snapshot import Snapshot
 
 STRAIGHTNESS = 0.02
-"""A path is straight if it is no wider than this share of its length, or than one step of the range axis: no wall's
-distance then differs by more from that of its mirror image than twice the width."""
+"""A path is straight if it is no wider than this share of its length, or than one step of the range axis: but for
+the few pings, no wall's distance then differs by more from that of its mirror image than twice the width."""
 
 _FEW = 0.05
 """Share of the pings, those furthest aside, that make no path less straight: of a mirror image the others explain more

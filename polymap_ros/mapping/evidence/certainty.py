@@ -36,7 +36,7 @@ class Certainty(NamedTuple):
 
 
 def certainty_of(search: Search, found: Found) -> Generator[None, None, Certainty]:
-    """Leave out every edge in turn, refit, and compare; the edge's odds are exp(loss - price)."""
+    """Leave out every edge in turn, refit, and compare; the odds are exp(loss - price), less a doubt."""
     losses = np.empty(len(found.lines))
     bounding = np.zeros(len(found.lines), np.bool_)
     for wall in range(len(found.lines)):
