@@ -4,7 +4,8 @@ First-order echoes of a straight path are those of the mirror image, too, and so
 winds, the more the two differ; whether by enough, only their likelihoods can tell.
 """
 
-from collections.abc import Generator
+import itertools
+from collections.abc import Generator, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,18 +22,47 @@ _ALIKE = 0.8
 """Share of the walls' part in the power's log likelihood that a mirror image has at least, before it is moved: power is
 blind to a distance that is off by less than a pulse's width, and what only phase can tell apart differs by less."""
 
+_TRIED, _REACH = 4, 8
+"""So many images are settled where an answer is in doubt, of axes so many steps aside and turned at the most."""
 
-def mirror_image(search: Search, found: Found) -> Generator[None, None, Found | None]:
-    """The best polygon near an answer's mirror image; None where it is the same, or explains far less."""
-    lines = mirrored_lines(found.lines, *path_axis(search.data.positions))
+Axis = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def mirror_image(search: Search, found: Found, doubtful: bool) -> Generator[None, None, Found | None]:
+    """The best polygon near an answer's mirror image; None where it is the same, or explains far less.
+
+    A wrong answer is an image of the true polygon about some line along the path, which need not be its axis: where the
+    answer is `doubtful`, others are tried until one is worth more.
+    """
     own = found.model.with_lines(found.lines, found.model.loss)
-    value = search.power.fit_nuisances(own, SEARCH_ORDER)
-    image, nothing = own.with_lines(lines, own.loss), search.power.quiet(own)
-    if search.power(image, SEARCH_ORDER) < nothing + _ALIKE * (value - nothing) or _same(search, image.lines, found):
-        return None
-    yield
-    other = yield from search.settle(image)
-    return None if other is None or _same(search, other.lines, found) else other
+    value, nothing = search.power.fit_nuisances(own, SEARCH_ORDER), search.power.quiet(own)
+    axes = _axes(search) if doubtful else [path_axis(search.data.positions)]
+    images = [own.with_lines(mirrored_lines(own.lines, *axis), own.loss) for axis in axes]
+    images.sort(key=lambda image: -search.few(image, SEARCH_ORDER))
+    best = None
+    for image in images[:_TRIED]:
+        yield
+        alike = search.power(image, SEARCH_ORDER) >= nothing + _ALIKE * (value - nothing)
+        other = (yield from search.settle(image)) if alike and not _same(search, image.lines, found) else None
+        if other is not None and not _same(search, other.lines, found) and (best is None or other.value > best.value):
+            best = other
+            if best.value > found.value:
+                break
+    return best
+
+
+def _axes(search: Search) -> Iterator[Axis]:
+    """Lines along the path, a middle [m] and a direction each, half a pulse's width apart where the path is."""
+    positions, step = search.data.positions, 0.5 * search.data.pulse.width_m
+    middle, along = path_axis(positions)
+    across = np.array((-along[1], along[0]))
+    offsets = positions - middle
+    length, width = np.ptp(offsets @ along), np.ptp(offsets @ across)
+    reach = np.arange(-_REACH, _REACH + 1) * step
+    reach = reach[np.abs(reach) <= max(0.5 * width, step)]
+    for aside, turned in itertools.product(reach, reach):
+        angle = 2.0 * turned / max(length, step)
+        yield middle + aside * across, np.cos(angle) * along + np.sin(angle) * across
 
 
 def _same(search: Search, lines: NDArray[np.float64], found: Found) -> bool:

@@ -18,7 +18,7 @@ from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.positions import place
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
-from polymap_ros.mapping.lines import feet_on_edges
+from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines
 from polymap_ros.mapping.snapshot import Snapshot
 from polymap_ros.mapping.solver import Evidence
 from polymap_ros.mapping.straightness import path_axis, path_half_width
@@ -105,7 +105,7 @@ class EvidenceSolver:
             return _open(snapshot, evidence, straight)
         found, other = yield from self._doubted(search, found, heard)
         certainty = yield from certainty_of(search, found)
-        if straight and min(certainty.likelihood) < CERTAIN:
+        if straight and (min(certainty.likelihood) < CERTAIN or self._gap(search, certainty, found)):
             return _open(snapshot, evidence, straight)
         answer = self._conclude(snapshot, search, found, certainty, straight)
         if answer.polygon is None or other is None:
@@ -119,8 +119,10 @@ class EvidenceSolver:
         best = None
         if self._last is not None:
             best = yield from search.again(self._last)
-            if best is not None and (best.explained > enough or heard < _SEARCH_AGAIN * self._searched):
+            if best is not None and best.explained > enough:
                 return best
+        if heard < _SEARCH_AGAIN * self._searched:
+            return best
         self._searched = heard
         for start in search.starts():
             yield
@@ -144,7 +146,8 @@ class EvidenceSolver:
         Looks for a missing wall, too, and for both after a search, or when there is more to go by.
         """
         if self._searched > self._doubted_at or heard >= _SEARCH_AGAIN * self._doubted_at:
-            self._doubted_at, self._other = heard, (yield from mirror_image(search, found))
+            self._doubted_at = heard
+            self._other = yield from mirror_image(search, found, found.explained < EXPLAINED - search.uncertainty)
             if self._other is not None and self._other.value > found.value:
                 found, self._other = self._other, found
                 self._last = found
@@ -174,7 +177,7 @@ class EvidenceSolver:
         if straight:
             return Estimate('ambiguous', 'evidence', snapshot.stamp_ns, cost=-found.value, cautions=tuple(cautions),
                             alternatives=(candidate, candidate.mirrored(*path_axis(snapshot.positions))))
-        if reason := self._gap(search, certainty, candidate):
+        if reason := self._gap(search, certainty, found):
             cautions.insert(0, Caution('not_closed', reason))
             walls = tuple(edge for edge, silent in zip(candidate.edges, certainty.silent, strict=True)
                           if edge.likelihood >= CERTAIN and not silent)
@@ -189,8 +192,11 @@ class EvidenceSolver:
         if weak:
             cautions.append(Caution('weak_edge', f'the evidence for edge {", ".join(map(str, weak))} is weak'))
         if found.explained < EXPLAINED - search.uncertainty:
+            most = self._parameters.solver.max_edges
+            cause = ('the outline may not be convex, or something else reflects' if len(found.lines) < most else
+                     f'it has all the edges that solver.max_edges allows ({most})')
             cautions.append(Caution('unexplained', f'the polygon explains {max(found.explained, 0.0):.0%} of the '
-                                    "echoes' power; the outline may not be convex, or something else reflects"))
+                                    f"echoes' power; {cause}"))
         if self._parameters.echo.kind == 'envelope' and self._parameters.medium.model == 'lamb_a0':
             cautions.append(Caution('dispersion', 'magnitudes cannot be freed of the dispersion of a plate: walls may '
                                     'be off by some millimetres, more than their deviations say'))
@@ -202,15 +208,14 @@ class EvidenceSolver:
                                     'may be off, and the polygon comes from their power alone'))
         return cautions
 
-
-    def _gap(self, search: Search, certainty: Certainty, candidate: Candidate) -> str:
+    def _gap(self, search: Search, certainty: Certainty, found: Found) -> str:
         """Why the polygon is not closed by what was heard; empty if it is."""
         if certainty.unsupported:
-            return (f'{certainty.unsupported} of {len(candidate.edges)} edges that would close the polygon were not '
-                    'heard')
+            return f'{certainty.unsupported} of {len(found.lines)} edges that would close the polygon were not heard'
         if self._cut_off:
             return 'echoes are missing that a corner of the polygon would give: a wall that is not heard cuts it off'
-        away = np.linalg.norm(candidate.vertices[:, None] - search.data.positions[None], axis=2).min(axis=1)
+        _, corners = corners_of(found.lines)
+        away = np.linalg.norm(corners[:, None] - search.data.positions[None], axis=2).min(axis=1)
         if np.max(away) > search.data.range_max_m:
             return f'a corner is {np.max(away):.3g} m away from every ping, beyond what can be heard'
         return ''
@@ -250,9 +255,17 @@ def _open(snapshot: Snapshot, evidence: Evidence, straight: list[Caution]) -> Es
     assert evidence.pulse is not None, 'the mapper knows its pulse'
     walls = first_walls(np.array([(sounding.x, sounding.y) for sounding in heard]),
                         np.array([sounding.rho for sounding in heard]), evidence.pulse.width_m)
-    walls = tuple(wall for wall in walls if wall.likelihood >= CERTAIN)
+    middle, along = path_axis(snapshot.positions)
+    walls = tuple(wall for wall in walls
+                  if wall.likelihood >= CERTAIN and not (straight and _has_two_sides(wall, middle, along)))
     caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
     return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls, cautions=(*straight, caution))
+
+
+def _has_two_sides(wall: Edge, middle: NDArray[np.float64], along: NDArray[np.float64]) -> bool:
+    """Whether a wall's mirror image about a path is another wall, by more than two standard deviations."""
+    (_, theta), = mirrored_lines([(wall.r, wall.theta)], middle, along)
+    return float(abs(np.angle(np.exp(1j * (theta - wall.theta))))) > 2.0 * (wall.theta_std or 0.0)
 
 
 def _straight(snapshot: Snapshot) -> list[Caution]:

@@ -8,6 +8,7 @@ from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.comparison import compare
+from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import iou, polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
@@ -229,6 +230,29 @@ def test_a_second_mode_is_told_as_what_is_not_explained(listen):
     assert compare(estimate.polygon.vertices, scene.vertices).right
 
 
+def test_what_is_unexplained_may_need_more_edges_than_are_allowed(hexagon, listen):
+    scene, samples, _, _ = hexagon
+    estimate = listen(scene, samples, changes={'solver.max_edges': 5}).solve()
+    told, = [caution.text for caution in estimate.cautions if caution.code == 'unexplained']
+    assert told.endswith('it has all the edges that solver.max_edges allows (5)')
+
+
+def test_a_search_that_failed_waits_for_a_tenth_more_pings(hexagon, listen, monkeypatch):
+    """Where no lines close, every ping would else cost a whole search."""
+    scene, samples, _, _ = hexagon
+    searched = []
+    monkeypatch.setattr(Search, 'start', lambda self, strength: searched.append(len(self.data.positions)))
+    mapper = listen(scene, samples, 20)
+    for k in range(20, 25):
+        assert mapper.solve().status == 'open'
+        stamp_ns = int(scene.stamps_ns[k])
+        mapper.add_pose(stamp_ns, Pose(*scene.poses[k]))
+        mapper.add_ping(Ping(stamp_ns, samples[k], scene.period_s))
+    first, second = dict.fromkeys(searched)
+    assert first == 20
+    assert 22 <= second <= 23
+
+
 @pytest.mark.parametrize('count', [0, 1, 2])
 def test_too_few_pings_are_said_to_be_too_few(count, hexagon, listen):
     scene, samples, _, _ = hexagon
@@ -389,3 +413,15 @@ def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed,
     truth = polygon_lines(scene.vertices)
     assert estimate.polygon is None or compare(estimate.polygon.vertices, scene.vertices).right
     assert all(np.any(is_wall(edge, truth)) for edge in estimate.walls)
+
+
+@pytest.mark.parametrize(('edges', 'seed'), [(4, 902), (6, 908), (8, 914), (7, 900), (7, 910)])
+def test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open(edges, seed, listen):
+    """Not two polygons of which neither is true, and no wall that may be its own mirror image."""
+    scene = KINDS['straight'].make(seed, edges).scene
+    reflection = np.where(np.arange(edges) == seed // 2 % edges, 0.0, 1.0)
+    estimate = listen(dataclasses.replace(scene, reflection=reflection)).solve()
+    assert (estimate.status, estimate.alternatives) == ('open', ())
+    assert codes(estimate)[:2] == ['straight_path', 'not_closed']
+    truth = polygon_lines(scene.vertices)
+    assert all(np.any(is_wall(wall, truth, 0.02, 2.0 * wall.theta_std)) for wall in estimate.walls)
