@@ -51,6 +51,7 @@ setup(
         'test': ['pytest>=7.4,<10', 'matplotlib>=3.6,<4', 'ezdxf>=1.1,<2', 'distributed>=2024.1',
                  'pyroomacoustics>=0.7,<1', 'hypothesis>=6.90,<7'],
         'fuzz': ['atheris>=2.3,<4'],
+        'mutation': ['pytest-cov>=4,<8', 'pytest-timeout>=2.2,<3'],
         'lint': ['ruff>=0.17,<0.18', 'mypy>=2.4,<2.5', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={

@@ -1,6 +1,7 @@
 """A drive for as long as one likes: round and round in a plate, with the pings of one round."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,13 +41,17 @@ class RoundTrip:
         turn = 2.0 * np.pi * times_s * self.ping_hz / self.pings_per_round
         x, y = 1.5 * np.cos(turn), np.sin(turn) + 0.2 * np.sin(2.0 * turn)
         yaw = np.arctan2(np.cos(turn) + 0.4 * np.cos(2.0 * turn), -1.5 * np.sin(turn))
-        shape = np.column_stack((x, y, np.unwrap(yaw)))
-        whole = 2.0 * np.pi * np.arange(360) / 360
-        outline = np.column_stack((1.5 * np.cos(whole), np.sin(whole) + 0.2 * np.sin(2.0 * whole), np.zeros(360)))
-        vertices = load_scene(PLATE).vertices
-        placed = fitted(outline, vertices, CLEARANCE_M)[:, :2]
+        scale, first = self._placed
+        return np.column_stack((scale * x + first[0], scale * y + first[1], np.unwrap(yaw)))
+
+    @cached_property
+    def _placed(self) -> tuple[float, NDArray[np.float64]]:
+        """By how much the oval is scaled to fit into the plate, and where its middle then is [m]."""
+        turn = 2.0 * np.pi * np.arange(360) / 360
+        outline = np.column_stack((1.5 * np.cos(turn), np.sin(turn) + 0.2 * np.sin(2.0 * turn), np.zeros(360)))
+        placed = fitted(outline, load_scene(PLATE).vertices, CLEARANCE_M)[:, :2]
         scale = np.ptp(placed[:, 0]) / np.ptp(outline[:, 0])
-        return np.column_stack((scale * (shape[:, :2] - outline[0, :2]) + placed[0], shape[:, 2]))
+        return float(scale), placed[0] - scale * outline[0, :2]
 
     def samples(self) -> NDArray[np.float32]:
         """The pings of one round, shape (pings_per_round, n_samples)."""

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from polymap_ros.mapping.evidence.power import Model
 from polymap_ros.mapping.evidence.power_search import PRICE
 from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search, without_wall
-from polymap_ros.mapping.evidence.waveform import Wave
+from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
 
 _OBVIOUS = 400.0
-"""Nats that no refit of the other walls makes up for."""
+"""Nats that no refit of the other walls makes up for; a part of the pings is enough to tell them."""
 
 _CYCLE_ERROR = 7e-4
 """Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
@@ -37,12 +37,13 @@ class Certainty(NamedTuple):
 
 def certainty_of(search: Search, found: Found) -> Generator[None, None, Certainty]:
     """Leave out every edge in turn, refit, and compare; the odds are exp(loss - price), less a doubt."""
+    few = found.wave and search.few_wave.evaluate(*_walls(found.wave), FULL_ORDER, derive=False)
     losses = np.empty(len(found.lines))
     bounding = np.zeros(len(found.lines), np.bool_)
     for wall in range(len(found.lines)):
         yield
-        if found.wave is not None:
-            losses[wall], bounding[wall] = _wave_loss(search, found.wave, wall)
+        if found.wave is not None and few is not None:
+            losses[wall], bounding[wall] = _wave_loss(search, found.wave, few, wall)
         else:
             losses[wall], bounding[wall] = _power_loss(search, found.model, wall)
     likelihood = 1.0 / (1.0 + np.exp(np.clip(PRICE - losses, -500.0, 500.0)))
@@ -54,20 +55,34 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     return Certainty(likelihood * doubt, _covariance(search, found), silent, unsupported)
 
 
-def _wave_loss(search: Search, wave: Wave, wall: int) -> tuple[float, bool]:
-    """What leaving a wall out costs, and whether only its echoes can be left out, since it closes the polygon."""
-    fewer = without_wall(search.wave, wave, wall)
-    bounding = fewer is None
-    if fewer is None:
-        silent = wave.reflection.copy()
-        silent[wall] = 0.0
-        fewer = search.wave.evaluate(wave.lines, silent, wave.phase, FULL_ORDER, derive=False)
-        assert fewer is not None, 'the walls bound a polygon'
-    loss = wave.value - fewer.value
-    if loss < _OBVIOUS:
-        refitted = search.wave.refine(fewer.lines, fewer.reflection, fewer.phase, FULL_ORDER, 4)
-        loss = wave.value - (refitted or fewer).value
-    return loss, bounding
+def _wave_loss(search: Search, wave: Wave, few: Wave, wall: int) -> tuple[float, bool]:
+    """What leaving a wall out costs, and whether only its echoes can be left out, since it closes the polygon.
+
+    `few` is the same waveform by a part of the pings.
+    """
+    for likelihood, whole in ((search.few_wave, few), (search.wave, wave)):
+        fewer, bounding = _left_out(likelihood, whole, wall)
+        loss = whole.value - fewer.value
+        if loss >= _OBVIOUS:
+            return loss, bounding
+    refitted = search.wave.refine(*_walls(fewer), FULL_ORDER, 4)
+    return wave.value - (refitted or fewer).value, bounding
+
+
+def _walls(wave: Wave) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    return wave.lines, wave.reflection, wave.phase
+
+
+def _left_out(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> tuple[Wave, bool]:
+    """The waveform without a wall, or, where nothing closes without it, with the wall silent."""
+    fewer = without_wall(likelihood, wave, wall)
+    if fewer is not None:
+        return fewer, False
+    silent = wave.reflection.copy()
+    silent[wall] = 0.0
+    fewer = likelihood.evaluate(wave.lines, silent, wave.phase, FULL_ORDER, derive=False)
+    assert fewer is not None, 'the walls bound a polygon'
+    return fewer, True
 
 
 def _power_loss(search: Search, model: Model, wall: int) -> tuple[float, bool]:

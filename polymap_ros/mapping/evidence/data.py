@@ -119,14 +119,18 @@ class EchoData:
         x, y, z = baseline_m
         baselines = np.column_stack((x * c - y * s, x * s + y * c, np.full(len(c), z)))
         positions = np.array([(sounding.x, sounding.y) for sounding in soundings])
-        scaled = np.array([sounding.echo / np.float32(sounding.noise) for sounding in soundings])
+        scaled = np.array([sounding.echo for sounding in soundings])
+        parts = scaled.view(np.float32)  # real and imaginary ones in turn
+        parts /= np.array([sounding.noise for sounding in soundings], np.float32)[:, None]
         ranges = pulse.step_m * np.arange(scaled.shape[1])
         signal = scaled * np.exp(-2j * pulse.carrier * ranges).astype(np.complex64)
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
-        heard = np.cumsum(np.sum(scaled.real**2 + scaled.imag**2, axis=0))
-        last = min(int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - len(pulse.power) - 4)
+        heard = np.cumsum(np.einsum('ij,ij->j', parts, parts).reshape(-1, 2).sum(axis=1, dtype=float))
+        end = min(int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - 4)
+        last = max(end - len(pulse.power), 0)  # later echoes are heard in part
         power = 0.5 * np.abs(scaled[:, :last + 1:stride]).astype(float) ** 2
-        quiet = np.quantile(power, 0.2, axis=1) / -np.log(0.8)  # of an exponential's mean
+        quietest = power.shape[1] // 5
+        quiet = np.partition(power, quietest, axis=1)[:, quietest] / -np.log(0.8)  # of an exponential's mean
         filling = np.where(quiet < _WEAK, 1.0 - quiet, 0.0)
         power += filling[:, None]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)

@@ -67,6 +67,7 @@ class Search(PowerSearch):
     def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True) -> None:
         super().__init__(data, max_edges, generator)
         self.wave = WaveformLikelihood(data)
+        self.few_wave = WaveformLikelihood(self.few.data)
         self.coherent = coherent
 
     def over(self, data: EchoData) -> 'Search':

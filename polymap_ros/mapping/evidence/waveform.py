@@ -159,6 +159,7 @@ class WaveformLikelihood:
             for _ in range(3):
                 trial = self._moved(wave, share * step, order)
                 if trial is not None and trial.value > wave.value:
+                    trial = self.evaluate(trial.lines, trial.reflection, trial.phase, order)
                     break
                 loss = 0.0 if trial is None else wave.value - trial.value
                 # The maximum of the parabola with the gradient here and the value there.
@@ -173,7 +174,8 @@ class WaveformLikelihood:
         reflection = np.sign(wave.reflection) * np.minimum(np.abs(wave.reflection) * np.exp(
             np.clip(step[:, 2], -0.5, 0.5)), 1.0)
         by_angle = np.argsort(lines[:, 1], kind='stable')
-        return self.evaluate(np.ascontiguousarray(lines[by_angle]), reflection[by_angle], wave.phase, order)
+        return self.evaluate(
+            np.ascontiguousarray(lines[by_angle]), reflection[by_angle], wave.phase, order, derive=False)
 
     def _sums(
         self, corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64], derive: bool
