@@ -15,8 +15,12 @@ from polymap_ros.commands import fleet
 FILES = ('polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'beam_map.npz')
 
 
-def contents(folder):
-    return {name: (folder / name).read_bytes() for name in FILES}
+ONE_THREAD = {f'{library}_NUM_THREADS': '1' for library in ('OMP', 'OPENBLAS', 'MKL')}
+"""As Dask's nanny starts its workers: the last digits of OpenBLAS's results depend on the number of its threads."""
+
+
+def different(one, other):
+    return [name for name in FILES if (one / name).read_bytes() != (other / name).read_bytes()]
 
 
 def files_below(folder):
@@ -44,7 +48,7 @@ def test_jobs_give_the_bytes_of_single_runs_and_report_what_is_bad(run, triangle
     single = run('replay', triangle, '--output', 'single', *evidence)
     assert single.status == 0
     for name in ('triangle', 'drive0'):
-        assert contents(tmp_path / 'out' / name) == contents(tmp_path / 'single')
+        assert different(tmp_path / 'out' / name, tmp_path / 'single') == []
     assert not (tmp_path / 'out' / 'broken').exists()
 
 
@@ -97,7 +101,6 @@ def test_a_process_that_ends_abruptly_costs_one_recording_at_most(tmp_path, monk
     assert complaints == ([] if 1 in done else [text])
 
 
-
 def test_a_cluster_that_is_not_there_is_one_line(call, triangle, monkeypatch):
     monkeypatch.setattr(fleet, 'WAIT_S', 0.5)
     pytest.importorskip('distributed')
@@ -122,7 +125,7 @@ def cluster(tmp_path):
         with (tmp_path / f'{name}-{len(started)}.log').open('wb') as log:
             started.append(subprocess.Popen(
                 [sys.executable, '-m', 'dask', name, '--scheduler-file', file, *arguments], cwd=tmp_path, stdout=log,
-                stderr=subprocess.STDOUT))
+                stderr=subprocess.STDOUT, env={**os.environ, **ONE_THREAD}))
         return started[-1]
 
     begin('scheduler', '--host', '127.0.0.1', '--port', '0', '--no-dashboard')
@@ -138,7 +141,7 @@ def cluster(tmp_path):
         process.wait()
 
 
-def test_every_recording_has_its_result_though_a_worker_is_killed(start, call, cluster, copies, triangle, tmp_path):
+def test_every_recording_has_its_result_though_a_worker_is_killed(start, run, cluster, copies, triangle, tmp_path):
     address, workers = cluster
     recordings = copies(5)
     process = start('replay', *(path.relative_to(tmp_path) for path in recordings), 'missing.mcap', '--output', 'out',
@@ -151,6 +154,6 @@ def test_every_recording_has_its_result_though_a_worker_is_killed(start, call, c
     complaints = [line for line in err.replace('\r', '\n').splitlines() if line.startswith('polymap_')]
     assert (process.returncode, complaints) == (
         2, [f'polymap_replay: error: {tmp_path}/missing.mcap: no such recording']), err
-    assert call('replay', triangle, '--output', 'single', '--save-map').status == 0
+    assert run('replay', triangle, '--output', 'single', '--save-map').status == 0
     for path in recordings:
-        assert contents(tmp_path / 'out' / path.stem) == contents(tmp_path / 'single')
+        assert different(tmp_path / 'out' / path.stem, tmp_path / 'single') == []
