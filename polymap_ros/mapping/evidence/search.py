@@ -21,6 +21,10 @@ _COHERENT = 0.2
 """Share of the power's log likelihood below which the waveform's says that phases are not to be trusted; with them the
 waveform is worth more than the power, and with a wrong edge in it still more than half."""
 
+OBVIOUS = 400.0
+"""Nats by which a waveform may be worse without a wall to be refitted: the others, three numbers each, make up for tens
+where they take the place of the one that is missing; a wall that is heard is worth thousands."""
+
 _ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
@@ -169,7 +173,7 @@ class Search(PowerSearch):
         best = None
         for wall in range(len(wave.lines)):
             fewer = without_wall(self.wave, wave, wall)
-            if fewer is None or fewer.value + PRICE < wave.value - 400.0:
+            if fewer is None or fewer.value + PRICE < wave.value - OBVIOUS:
                 continue
             yield
             fewer = self.wave.refine(fewer.lines, fewer.reflection, fewer.phase, FULL_ORDER)
