@@ -14,6 +14,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.markers import summary
 from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
+from polymap_ros.node.qos import no_events
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.solving import SolveLoop
 from polymap_ros.node.stopwatch import Stopwatch
@@ -46,7 +47,7 @@ class Diagnostics:
     def __init__(self, node: Node, parts: Parts) -> None:
         self._node = node
         self._parts = parts
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10, event_callbacks=no_events())
         self._then_s = time.monotonic()
         self._before = Counter[str]()
         self._recent = deque[tuple[float, Counter[str]]]()

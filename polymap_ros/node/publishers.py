@@ -13,7 +13,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.plane import XY
 from polymap_ros.messages import markers, outputs
 from polymap_ros.node.factory import make, message_class
-from polymap_ros.node.qos import latched_output
+from polymap_ros.node.qos import latched_output, no_events
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.occupancy import occupancy_of
@@ -29,7 +29,8 @@ class Latched:
     """A topic that remembers its last message, for the heartbeat, and whether that shows anything."""
 
     def __init__(self, node: Node, name: str, type_name: str) -> None:
-        self._publisher = node.create_publisher(message_class(type_name), f'~/{name}', latched_output())
+        self._publisher = node.create_publisher(
+            message_class(type_name), f'~/{name}', latched_output(), event_callbacks=no_events())
         self._last: Any = None
         self._shows = False
 

@@ -1,5 +1,6 @@
 """Every QoS profile of the node and the player, in one place."""
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
@@ -10,6 +11,15 @@ def sensor_input() -> QoSProfile:
     """Odometry and echoes: taken from any publisher, deep enough for bursts."""
     return QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=INPUT_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT,
                       durability=DurabilityPolicy.VOLATILE)
+
+
+def no_events() -> PublisherEventCallbacks:
+    """Of publishers that offer all that a subscriber may ask for.
+
+    Every event that is watched, two for each publisher, costs each round of the executor some 15 us; a subscriber of
+    another type or with deadlines is warned by its own node.
+    """
+    return PublisherEventCallbacks(use_default_callbacks=False)
 
 
 def latched_output() -> QoSProfile:

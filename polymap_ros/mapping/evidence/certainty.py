@@ -12,8 +12,8 @@ from polymap_ros.mapping.evidence.search import FULL_ORDER, OBVIOUS, Found, Sear
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
 
 _TRUSTED = 0.85
-"""Share of the echoes' power from which what is left casts no doubt on the edges: of L- and T-shaped outlines and plates
-with a seam, polygons explain 0.86 to 0.94, and their edges are real (measured)."""
+"""Share of the echoes' power from which what is left casts no doubt on the edges: of L- and T-shaped outlines and of
+plates with a seam, polygons explain 0.86 to 0.94, and their edges are real (measured)."""
 
 _CYCLE_ERROR = 7e-4
 """Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
