@@ -58,8 +58,8 @@ def _parser() -> console.Parser:
                         help='random, online: what the scenes are like (default: plate); doubt, calibration: one '
                              'kind (default: all); an unknown name lists all')
     parser.add_argument('--drive', type=Path, metavar='RECORDING',
-                        help='random: drive stretches of the odometry in this recording (topic: topics.odom; ROS 1 '
-                             'bags are read, too), turned and scaled to fill the rooms')
+                        help='random: drive stretches of the odometry in this recording (topic: topics.odom; of a '
+                             'ROS 1 bag rosbags-convert makes one), turned and scaled to fill the rooms')
     live.add_arguments(parser)
     speed.add_arguments(parser)
     console.add_parameter_arguments(parser)

@@ -7,10 +7,14 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from polymap_ros.commands.evaluate import _parser, main
+
+DATA = Path(os.environ.get('POLYMAP_DATA') or Path(__file__).parents[2].parent / 'shared' / 'data')
+DRIVE = DATA / 'odometry' / 'test2.bag'
 
 
 def rows(path):
@@ -36,6 +40,19 @@ def test_random_scenes_by_several_methods(tmp_path, capsys):
     assert (tmp_path / 'out' / 'success.png').stat().st_size > 5_000
     assert '4/4' in err
     assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['results.csv', 'success.png', 'table.md']
+
+
+@pytest.mark.skipif(not DRIVE.exists(), reason=f'{DRIVE} is not there')
+def test_paths_of_real_wheels(tmp_path, capsys):
+    """Stretches of 84 m that a Jackal drove, in plates of their size."""
+    convert = Path(sys.executable).with_name('rosbags-convert')
+    subprocess.run([convert, '--src', DRIVE, '--dst', tmp_path / 'drive'], check=True, capture_output=True)
+    assert main(['random', '--method', 'evidence', '--edges', '3-8', '--seeds', '3:4', '--drive', str(tmp_path / 'drive'),
+                 '-p', 'topics.odom:=/jackal_velocity_controller/odom', '--output', str(tmp_path / 'out')]) == 0
+    assert 'recorded paths' in capsys.readouterr().out
+    results = rows(tmp_path / 'out' / 'results.csv')
+    assert {row['right'] for row in results} == {'1'}
+    assert len(results) == 6
 
 
 def test_the_same_run_gives_the_same_rows_in_one_process_and_in_two(tmp_path):
