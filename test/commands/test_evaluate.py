@@ -43,16 +43,17 @@ def test_random_scenes_by_several_methods(tmp_path, capsys):
 
 
 @pytest.mark.skipif(not DRIVE.exists(), reason=f'{DRIVE} is not there')
-def test_paths_of_real_wheels(tmp_path, capsys):
+def test_paths_of_real_wheels(tmp_path):
     """Stretches of 84 m that a Jackal drove, in plates of their size."""
     convert = Path(sys.executable).with_name('rosbags-convert')
     subprocess.run([convert, '--src', DRIVE, '--dst', tmp_path / 'drive'], check=True, capture_output=True)
-    assert main(['random', '--method', 'evidence', '--edges', '3-8', '--seeds', '3:4', '--drive', str(tmp_path / 'drive'),
-                 '-p', 'topics.odom:=/jackal_velocity_controller/odom', '--output', str(tmp_path / 'out')]) == 0
-    assert 'recorded paths' in capsys.readouterr().out
-    results = rows(tmp_path / 'out' / 'results.csv')
-    assert {row['right'] for row in results} == {'1'}
-    assert len(results) == 6
+    scenes = ['random', '--method', 'evidence', '--edges', '3-8', '--seeds', '3:4']
+    drive = ['--drive', str(tmp_path / 'drive'), '-p', 'topics.odom:=/jackal_velocity_controller/odom']
+    assert main([*scenes, *drive, '--output', str(tmp_path / 'driven')]) == 0
+    assert main([*scenes, '--output', str(tmp_path / 'random')]) == 0
+    driven, random = (rows(tmp_path / name / 'results.csv') for name in ('driven', 'random'))
+    assert [row['right'] for row in driven] == 6 * ['1']
+    assert all(one['iou'] != other['iou'] for one, other in zip(driven, random, strict=True))
 
 
 def test_the_same_run_gives_the_same_rows_in_one_process_and_in_two(tmp_path):
