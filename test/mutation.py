@@ -1,9 +1,10 @@
 """Would a wrong sign be noticed? python test/mutation.py [--number N] [--seed S] [--jobs N] [--files FILE...]
 
-First runs the tests of acoustics and mapping on a copy, with numba's compilation off, notes which of them execute which
-line, and prints the branch coverage. Then changes one token of the solver's sources at a time and runs the tests that
-execute it, the quickest first; a mutant that none of them notices is printed. The mutants are a sample of all changes,
-drawn with a seed. Ends with 0 where at least 85 % of them die. Needs the extra ``mutation``.
+First runs the tests of acoustics and mapping on a copy, with numba's compilation off (what is compiled cannot be
+traced) and on (what is not, takes hours), notes which of them execute which line, and prints the branch coverage. Then
+changes one token of the solver's sources at a time and runs the tests that execute it, the quickest first, with
+compilation off where the file has kernels; a mutant that none of them notices is told. The mutants are a sample of all
+changes, drawn with a seed. Ends with 0 where at least 85 % of them die. Needs the extra ``mutation``.
 """
 
 import argparse
@@ -77,13 +78,10 @@ def copy_to(folder):
     return folder
 
 
-def run_pytest(copy, arguments, limit_s, timeout_s=None, **environment):
-    """The status of pytest on a copy, compilation off; None if all takes longer than `timeout_s`.
-
-    A test that takes longer than `limit_s` fails: without compilation some would take hours.
-    """
-    environment = {**os.environ, 'PYTHONPATH': f'{copy}{os.pathsep}{copy / "test"}', 'NUMBA_DISABLE_JIT': '1',
-                   'OMP_NUM_THREADS': '1', **environment}
+def run_pytest(copy, arguments, compiled, limit_s, timeout_s=None, **environment):
+    """The status of pytest on a copy; None if all takes longer than `timeout_s`. A test that takes `limit_s` fails."""
+    environment = {**os.environ, 'PYTHONPATH': f'{copy}{os.pathsep}{copy / "test"}', 'OMP_NUM_THREADS': '1',
+                   'NUMBA_DISABLE_JIT': '0' if compiled else '1', 'NUMBA_CACHE_DIR': str(copy / 'cache'), **environment}
     command = [sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', '-p', 'mutation', f'--timeout={limit_s}',
                *arguments]
     try:
@@ -94,26 +92,19 @@ def run_pytest(copy, arguments, limit_s, timeout_s=None, **environment):
 
 
 class Covering:
-    """Which tests execute which lines, and how long each takes [s]."""
+    """Which tests execute which lines, and how long each takes [s], with compilation off and on."""
 
     def __init__(self, folder):
         from coverage import CoverageData
 
-        self.seconds, failed = {}, set()
-        for file in folder.glob('*.jsonl'):
-            for line in file.read_text(encoding='utf-8').splitlines():
-                test, seconds, passed = json.loads(line)
-                self.seconds[test] = self.seconds.get(test, 0.0) + seconds
-                failed |= set() if passed else {test}
-        for test in failed:
-            del self.seconds[test]
+        self.seconds = [_passed(folder.glob(f'{int(compiled)}-*.jsonl')) for compiled in (False, True)]
         self._data = CoverageData(str(folder / '.coverage'))
         self._data.read()
         self._files = {name: next(file for file in self._data.measured_files() if file.endswith(f'polymap_ros/{name}'))
                        for name in SOURCES}
-        print(f'{len(self.seconds)} tests passed in time, {len(failed)} did not', flush=True)
+        print(f'tests that pass in time: {len(self.seconds[0])}, compiled {len(self.seconds[1])}', flush=True)
 
-    def tests(self, name, node, tree):
+    def tests(self, name, node, tree, compiled):
         """Those that execute a node, the quickest first; of a constant, those that execute a line with its name."""
         by_line = self._data.contexts_by_lineno(self._files[name])
         lines = {node.lineno}
@@ -124,32 +115,42 @@ class Covering:
                 lines = {each.lineno for each in ast.walk(tree) if isinstance(each, ast.Name) and each.id in names}
         contexts = {context for line in lines for context in by_line.get(line, ()) if context}
         contexts = contexts or {context for each in by_line.values() for context in each if context}
-        tests = {context.rpartition('|')[0] for context in contexts}
+        tests, seconds = {context.rpartition('|')[0] for context in contexts}, self.seconds[compiled]
         # What a shared fixture executes, all tests of its file may look at.
         files = {context.partition('::')[0] for context in contexts if context.endswith('|setup')}
-        tests |= {test for test in self.seconds if test.partition('::')[0] in files}
-        return sorted(tests & self.seconds.keys(), key=lambda test: self.seconds[test])
+        tests |= {test for test in seconds if test.partition('::')[0] in files}
+        return sorted(tests & seconds.keys(), key=lambda test: seconds[test])
+
+
+def _passed(reports):
+    """The tests that passed, and the seconds that each took."""
+    seconds, failed = {}, set()
+    for line in (line for file in reports for line in file.read_text(encoding='utf-8').splitlines()):
+        test, part_s, passed = json.loads(line)
+        seconds[test] = seconds.get(test, 0.0) + part_s
+        failed |= set() if passed else {test}
+    return {test: seconds[test] for test in seconds.keys() - failed}
 
 
 def covering(folder, limit_s, jobs):
-    """Run all tests once, each file of them in a process of its own."""
+    """Run all tests with compilation off and on, each file of them in a process of its own."""
     copy = copy_to(folder / 'covered')
-
     options = '--cov=polymap_ros.acoustics', '--cov=polymap_ros.mapping', '--cov-branch', '--cov-context=test'
 
-    def run(file):
-        coverage, reports = str(copy / f'.coverage.{file.stem}'), str(copy / f'{file.stem}.jsonl')
-        run_pytest(copy, [str(file.relative_to(copy)), *options, '--cov-report='], limit_s, COVERAGE_FILE=coverage,
-                   MUTATION_REPORTS=reports)
+    def run(file, compiled):
+        name = f'{int(compiled)}-{file.stem}'
+        run_pytest(copy, [str(file.relative_to(copy)), *options, '--cov-report='], compiled, limit_s,
+                   COVERAGE_FILE=str(copy / f'.coverage.{name}'), MUTATION_REPORTS=str(copy / f'{name}.jsonl'))
 
+    files = sorted(file for tests in TESTS for file in (copy / tests).rglob('test_*.py'))
     with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(run, sorted(file for tests in TESTS for file in (copy / tests).rglob('test_*.py'))))
+        list(pool.map(run, files * 2, [True] * len(files) + [False] * len(files)))
     for command in ('combine', 'report'):
         subprocess.run([sys.executable, '-m', 'coverage', command], cwd=copy, check=True)
     return copy
 
 
-def noticed(copy, tests, seconds, budget_s):
+def noticed(copy, tests, seconds, compiled, budget_s):
     """Whether one of the tests fails, of which the quickest are run."""
     chosen, total_s = [], 0.0
     for test in tests:
@@ -158,7 +159,7 @@ def noticed(copy, tests, seconds, budget_s):
             break
         chosen.append(test)
     limit_s = 20.0 + 5.0 * max(seconds[test] for test in chosen)
-    return run_pytest(copy, ['-x', *chosen], limit_s, 60.0 + 5.0 * min(total_s, budget_s)) != 0
+    return run_pytest(copy, ['-x', *chosen], compiled, limit_s, 60.0 + 5.0 * min(total_s, budget_s)) != 0
 
 
 def main():
@@ -185,12 +186,13 @@ def main():
             name, k = mutant
             tree = ast.parse(texts[name])
             node = places(tree)[k]
-            tests, before = covered.tests(name, node, tree), ast.unparse(node)
+            compiled = '@kernel' not in texts[name]
+            tests, before = covered.tests(name, node, tree, compiled), ast.unparse(node)
             mutated(node)()
             copy = copies.get()
             (copy / 'polymap_ros' / name).write_text(ast.unparse(tree), encoding='utf-8')
             begun_s = time.monotonic()
-            dead = bool(tests) and noticed(copy, tests, covered.seconds, arguments.budget)
+            dead = bool(tests) and noticed(copy, tests, covered.seconds[compiled], compiled, arguments.budget)
             (copy / 'polymap_ros' / name).write_text(texts[name], encoding='utf-8')
             copies.put(copy)
             print(f'{"died" if dead else "LIVED"} {name}:{node.lineno}: {before} -> {ast.unparse(node)} '
