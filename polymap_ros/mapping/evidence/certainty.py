@@ -11,6 +11,11 @@ from polymap_ros.mapping.evidence.power_search import PRICE
 from polymap_ros.mapping.evidence.search import FULL_ORDER, OBVIOUS, Found, Search, without_wall
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
 
+_MISFIT = 0.005
+"""Share of the log likelihood that an edge has to bring, where that is more than its price. At the truth it differs by
+up to 0.7 % from that of full waveform synthesis, and what is predicted a little wrong, an edge that is not there may
+put right. In random plates every edge brings more than 20 %."""
+
 _TRUSTED = 0.85
 """Share of the echoes' power from which what is left casts no doubt on the edges: of L- and T-shaped outlines and of
 plates with a seam, polygons explain 0.86 to 0.94, and their edges are real (measured)."""
@@ -38,16 +43,17 @@ class Certainty(NamedTuple):
 
 def certainty_of(search: Search, found: Found) -> Generator[None, None, Certainty]:
     """Leave out every edge in turn, refit, and compare; the odds are exp(loss - price), less a doubt."""
+    price = max(PRICE, _MISFIT * (found.value + PRICE * len(found.lines)))
     few = found.wave and search.few_wave.evaluate(*_walls(found.wave), FULL_ORDER, derive=False)
     losses = np.empty(len(found.lines))
     bounding = np.zeros(len(found.lines), np.bool_)
     for wall in range(len(found.lines)):
         yield
         if found.wave is not None and few is not None:
-            losses[wall], bounding[wall] = _wave_loss(search, found.wave, few, wall)
+            losses[wall], bounding[wall] = _wave_loss(search, found.wave, few, wall, max(OBVIOUS, price))
         else:
             losses[wall], bounding[wall] = _power_loss(search, found.model, wall)
-    likelihood = 1.0 / (1.0 + np.exp(np.clip(PRICE - losses, -500.0, 500.0)))
+    likelihood = 1.0 / (1.0 + np.exp(np.clip(price - losses, -500.0, 500.0)))
     # Where much is left unexplained, a wall that is not there may explain some of it.
     doubt = np.clip((found.explained + search.uncertainty) / _TRUSTED, 0.0, 1.0)
     reflection = np.exp(0.5 * found.model.loss) if found.wave is None else np.abs(found.wave.reflection)
@@ -56,15 +62,16 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     return Certainty(likelihood * doubt, _covariance(search, found), silent, unsupported)
 
 
-def _wave_loss(search: Search, wave: Wave, few: Wave, wall: int) -> tuple[float, bool]:
+def _wave_loss(search: Search, wave: Wave, few: Wave, wall: int, enough: float) -> tuple[float, bool]:
     """What leaving a wall out costs, and whether only its echoes can be left out, since it closes the polygon.
 
-    `few` is the same waveform by a part of the pings.
+    `few` is the same waveform by a part of the pings; where these lose `enough`, the others are not looked at, and
+    nothing is refitted.
     """
     for likelihood, whole in ((search.few_wave, few), (search.wave, wave)):
         fewer, bounding = _left_out(likelihood, whole, wall)
         loss = whole.value - fewer.value
-        if loss >= OBVIOUS:  # a part of the pings is enough to tell
+        if loss >= enough:
             return loss, bounding
     refitted = search.wave.refine(*_walls(fewer), FULL_ORDER, 4)
     return wave.value - (refitted or fewer).value, bounding

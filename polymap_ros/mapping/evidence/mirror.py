@@ -23,7 +23,8 @@ _ALIKE = 0.8
 blind to a distance that is off by less than a pulse's width, and what only phase can tell apart differs by less."""
 
 _TRIED, _REACH = 4, 8
-"""So many images are settled where an answer is in doubt, of axes so many steps aside and turned at the most."""
+"""So many images are settled, more than were ever needed, of axes so many steps aside and turned at the most: half a
+pulse's width each, by which power changes little."""
 
 Axis = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -32,12 +33,11 @@ def mirror_image(search: Search, found: Found, doubtful: bool) -> Generator[None
     """The best polygon near an answer's mirror image; None where it is the same, or explains far less.
 
     A wrong answer is an image of the true polygon about some line along the path, which need not be its axis: where the
-    answer is `doubtful`, others are tried until one is worth more.
+    path is narrow, or the answer `doubtful`, others are tried until one is worth more.
     """
     own = found.model.with_lines(found.lines, found.model.loss)
     value, nothing = search.power.fit_nuisances(own, SEARCH_ORDER), search.power.quiet(own)
-    axes = _axes(search) if doubtful else [path_axis(search.data.positions)]
-    images = [own.with_lines(mirrored_lines(own.lines, *axis), own.loss) for axis in axes]
+    images = [own.with_lines(mirrored_lines(own.lines, *axis), own.loss) for axis in _axes(search, doubtful)]
     images.sort(key=lambda image: -search.few(image, SEARCH_ORDER))
     best = None
     for image in images[:_TRIED]:
@@ -51,14 +51,16 @@ def mirror_image(search: Search, found: Found, doubtful: bool) -> Generator[None
     return best
 
 
-def _axes(search: Search) -> Iterator[Axis]:
-    """Lines along the path, a middle [m] and a direction each, half a pulse's width apart where the path is."""
+def _axes(search: Search, doubtful: bool) -> Iterator[Axis]:
+    """Lines along the path, a middle [m] and a direction each, half a pulse's width apart; of a wide path one."""
     positions, step = search.data.positions, 0.5 * search.data.pulse.width_m
     middle, along = path_axis(positions)
     across = np.array((-along[1], along[0]))
     offsets = positions - middle
     length, width = np.ptp(offsets @ along), np.ptp(offsets @ across)
     reach = np.arange(-_REACH, _REACH + 1) * step
+    if width > 2.0 * reach[-1] and not doubtful:
+        reach = np.zeros(1)
     reach = reach[np.abs(reach) <= max(0.5 * width, step)]
     for aside, turned in itertools.product(reach, reach):
         angle = 2.0 * turned / max(length, step)

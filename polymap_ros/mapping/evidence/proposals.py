@@ -6,6 +6,7 @@ top of T; the evidence of a line is its best contiguous run (Kadane's maximal su
 by the pings that cannot hear it. With the echoes of walls already found in T, only what they leave unexplained counts.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,9 @@ from polymap_ros.mapping.evidence.data import EchoData
 
 _BLANKED = -3.0
 """Evidence of a foot that would have been heard within the blanked range."""
+
+_TURNS = (0.25, 0.5, 0.75)
+"""Shares of a corner's turn at which it is cut off."""
 
 _NEARLY_NOTHING = 0.02
 """Share of the strongest echo anywhere below which nothing was heard near by."""
@@ -339,3 +343,30 @@ def chord_evidence(
         if not behind:
             gains[q] = edge_evidence(pool[q], ends[0], ends[1], positions, evidence, cell)
     return gains
+
+
+def corner_cuts(
+    theta: NDArray[np.float64], corners: NDArray[np.float64], lengths_m: Sequence[float]
+) -> NDArray[np.float64]:
+    """Lines (m, 2) that cut each corner off with an edge of each length [m], turned by quarters from wall to wall.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (n,)
+        Normals of the walls [rad].
+    corners : ndarray, shape (n, 2)
+        Corner i is between walls i - 1 and i.
+    lengths_m : sequence of float
+        Lengths of the edges.
+    """
+    before = np.roll(theta, 1)
+    turn = np.mod(theta - before, 2.0 * np.pi)
+    lines = []
+    for share in _TURNS:
+        first, second = share * turn, (1.0 - share) * turn
+        angle = before + first
+        r = corners[:, 0] * np.cos(angle) + corners[:, 1] * np.sin(angle)
+        # Of the triangle that is cut off: its side and height on the edge, and the angles there.
+        height = 1.0 / (1.0 / np.tan(first) + 1.0 / np.tan(second))
+        lines += [np.column_stack((r - length * height, np.angle(np.exp(1j * angle)))) for length in lengths_m]
+    return np.vstack(lines)

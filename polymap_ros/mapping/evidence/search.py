@@ -11,7 +11,7 @@ from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.power import Model
 from polymap_ros.mapping.evidence.power_search import CHORDS, PRICE, ROUNDS, SEARCH_ORDER, PowerSearch
-from polymap_ros.mapping.evidence.proposals import strongest_chords
+from polymap_ros.mapping.evidence.proposals import corner_cuts, strongest_chords
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
 
 FULL_ORDER = 5
@@ -27,6 +27,12 @@ where they take the place of the one that is missing; a wall that is heard is wo
 
 _ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
+
+_WHOLE = 0.995
+"""Share from which not even an edge as short as the pulse may be missing."""
+
+_SHORT, _CUTS = (1.2, 2.5, 5.0), 10
+"""Pulse widths of the edges by which corners are cut off, and how many of these, the best by power, are looked into."""
 
 _EXCHANGED = 2
 """Edges, those worth least, for which others are tried."""
@@ -124,6 +130,8 @@ class Search(PowerSearch):
                 changed = yield from self._dropped(wave)
             if changed is None and explained < _ALL_EXPLAINED:
                 changed = yield from self._added(model, wave)
+            if changed is None and explained < _WHOLE:
+                changed = yield from self._cut_off(model, wave)
             if changed is None:
                 break
             wave = changed
@@ -211,6 +219,44 @@ class Search(PowerSearch):
         _, corners = corners_of(wave.lines)
         lines = strongest_chords(left, expected, base.strength, corners, CHORDS)
         return (yield from self._with_another(base, lines, wave.value - PRICE * len(wave.lines)))
+
+    def _cut_off(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
+        """The best waveform with a corner cut off by an edge so short that no feet propose it.
+
+        Power tells roughly where, and the waveform, by a part of the pings, which of these and how far from the corner.
+        """
+        if len(wave.lines) >= self._max_edges:
+            return None
+        base = self._base(model, wave)
+        _, corners = corners_of(wave.lines)
+        trials = []
+        for line in corner_cuts(wave.lines[:, 1], corners, [share * self.data.pulse.width_m for share in _SHORT]):
+            trial = self._with_line(base, line)
+            if trial is not None and len(trial.lines) > len(wave.lines):
+                trials.append((self.few(trial, SEARCH_ORDER), *line))
+        yield
+        cuts = [self._slid(wave, np.array(line)) for _, *line in sorted(trials, reverse=True)[:_CUTS]]
+        yield
+        more = None
+        for cut in sorted((cut for cut in cuts if cut is not None), key=lambda cut: -cut.value)[:2]:
+            refined = self.wave.refine(cut.lines, cut.reflection, cut.phase, FULL_ORDER)
+            yield
+            if refined is not None and refined.value > (more or wave).value + (0.0 if more else PRICE):
+                more = refined
+        return more
+
+    def _slid(self, wave: Wave, line: NDArray[np.float64]) -> Wave | None:
+        """The best waveform, by a part of the pings, with a line more that may be off by a cycle of range."""
+        index = int(np.searchsorted(wave.lines[:, 1], line[1]))
+        best = None
+        for slip in np.arange(-1.0, 1.01, 0.2) * np.pi / self.data.pulse.carrier:
+            lines = np.ascontiguousarray(np.insert(wave.lines, index, line - (slip, 0.0), axis=0))
+            for sign in (1.0, -1.0):
+                reflection = np.insert(wave.reflection, index, sign)
+                trial = self.few_wave.evaluate(lines, reflection, wave.phase, SEARCH_ORDER, derive=False)
+                if trial is not None and (best is None or trial.value > best.value):
+                    best = trial
+        return best
 
     def mended(self, found: Found) -> Generator[None, None, Found | None]:
         """Exchange one of the edges that are worth least, or add one, by trying every line in their place.

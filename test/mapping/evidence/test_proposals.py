@@ -15,13 +15,14 @@ from polymap_ros.mapping.evidence.proposals import (
     annealed_subset,
     chord_evidence,
     clipped,
+    corner_cuts,
     edge_evidence,
     first_strength,
     foot_evidence,
     strongest_chords,
     strongest_lines,
 )
-from polymap_ros.mapping.lines import half_plane_polygon
+from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.simulation.waveforms import Synthesis
 
 
@@ -233,3 +234,18 @@ def test_noise_alone_proposes_little(in_pentagon):
     expected = np.ones((1, data.power.shape[1]))
     loud = strongest_lines(in_pentagon.data, expected, 30.0, 5).evidence
     assert strongest_lines(data, expected, 30.0, 5).evidence.max(initial=0.0) < 0.1 * loud.min()
+
+
+def test_corners_are_cut_off_by_edges_of_the_lengths_asked_for():
+    lines = polygon_lines([(0.0, 0.0), (1.0, 0.0), (1.3, 0.7), (0.6, 1.2), (-0.2, 0.6)])
+    lines = lines[np.argsort(lines[:, 1])]
+    corners, which = half_plane_polygon(lines)
+    corners = corners[[list(which).index(k) for k in range(5)]]  # corner i between walls i - 1 and i
+    cuts = corner_cuts(lines[:, 1], corners, (0.02, 0.05))
+    lengths = []
+    for cut in cuts:
+        vertices, edges = half_plane_polygon(np.vstack((lines, cut)))
+        assert len(edges) == 6
+        at = list(edges).index(5)
+        lengths.append(np.linalg.norm(vertices[(at + 1) % 6] - vertices[at]))
+    np.testing.assert_allclose(np.sort(lengths), 15 * [0.02] + 15 * [0.05], rtol=1e-9)

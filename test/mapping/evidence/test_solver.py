@@ -8,6 +8,7 @@ from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.comparison import compare
+from polymap_ros.mapping.evidence import certainty
 from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import iou, polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
@@ -15,7 +16,7 @@ from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters, PulseParameters, SensorParameters
 from polymap_ros.simulation.doubtful_scenes import KINDS
 from polymap_ros.simulation.random_scenes import air_filled, lossy, random_scene
-from polymap_ros.simulation.scenes import Scene
+from polymap_ros.simulation.scenes import Scene, clearance
 from polymap_ros.simulation.trajectories import legs
 from polymap_ros.simulation.waveforms import simulate
 
@@ -425,3 +426,30 @@ def test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open(edges, see
     assert codes(estimate)[:2] == ['straight_path', 'not_closed']
     truth = polygon_lines(scene.vertices)
     assert all(np.any(is_wall(wall, truth, 0.02, 2.0 * wall.theta_std)) for wall in estimate.walls)
+
+
+@pytest.mark.parametrize(('edges', 'seed'), [(3, 6002), (4, 6004), (7, 6004)])
+def test_an_edge_as_short_as_two_pulses_is_found(edges, seed, listen):
+    """A corner cut off by 3 cm, on which hardly a ping has its foot."""
+    scene = random_scene(seed, edges)
+    vertices = None
+    for corner in np.random.default_rng([seed, edges]).permutation(edges):
+        before, at, after = scene.vertices[[corner - 1, corner, (corner + 1) % edges]]
+        ends = [(to - at) / np.linalg.norm(to - at) for to in (before, after)]
+        ends = at + 0.03 / np.linalg.norm(ends[0] - ends[1]) * np.array(ends)
+        vertices = np.vstack((scene.vertices[:corner], ends, scene.vertices[corner + 1:]))
+        if clearance(vertices, scene.positions).min() > 0.02:
+            break
+    estimate = listen(dataclasses.replace(scene, vertices=vertices, reflection=1.0)).solve()
+    assert (estimate.status, codes(estimate)) == ('closed', [])
+    assert len(estimate.polygon.edges) == edges + 1
+    assert compare(estimate.polygon.vertices, vertices).right
+
+
+def test_an_edge_that_brings_next_to_nothing_is_weak(hexagon, listen, monkeypatch):
+    """What is predicted a little wrong can buy an edge: were all of it that uncertain, no edge would be sure."""
+    scene, samples, _, _ = hexagon
+    monkeypatch.setattr(certainty, '_MISFIT', 1.0)
+    estimate = listen(scene, samples).solve()
+    assert codes(estimate) == ['weak_edge']
+    assert all(edge.likelihood < 0.01 for edge in estimate.polygon.edges)
