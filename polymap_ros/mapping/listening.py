@@ -158,13 +158,10 @@ class Listener:
     def hear(self, ping: Ping, finely: bool = True) -> Heard:
         """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range.
 
-        The echo on the fine axis, by which walls are judged, ends where a pulse of the middle of the band is not over
-        before the ping is.
-
         Not finely: without the echo on the fine axis, which takes most of the work, and without the noise where
         nothing else depends on it; then that and the confidence are nan.
         """
-        correlate, gauge, front_end, width_m, whole_m = self._filter(ping)
+        correlate, gauge, front_end, width_m = self._filter(ping)
         samples = front_end.levelled(ping.samples)
         used = front_end.limited(samples, self._blanked_s(ping))
         echo = correlate(used, finely)
@@ -179,8 +176,6 @@ class Listener:
         useful = int(np.searchsorted(self._ranges_m, last_m * (1.0 + 1e-9), 'right'))
         rho, sure = self._closest(envelope[:useful], noise, blanking_m, width_m)
         echo[:np.searchsorted(axis_m, blanking_m * (1.0 - 1e-9))] = 0.0
-        if finely:
-            echo[np.searchsorted(axis_m, whole_m, 'right'):] = 0.0
         envelope[:np.searchsorted(self._ranges_m, blanking_m * (1.0 - 1e-9))] = 0.0
         if self._parameters.front_end.flat_spreading:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
@@ -198,7 +193,7 @@ class Listener:
 
     def signals(self, ping: Ping, cleaned: Ping) -> Signals:
         """What `hear` makes of a ping, and what was made of it before."""
-        front_end = self._filter(ping)[2]
+        _, _, front_end, _ = self._filter(ping)
         levelled = front_end.levelled(cleaned.samples)
         limited = front_end.limited(levelled, self._blanked_s(ping))
         steps = [('as received', ping.samples), ('without what is common', cleaned.samples),
@@ -252,8 +247,7 @@ class Listener:
         try:
             pulse, magnitudes = self._pulse(key[1]), self._parameters.echo.kind == 'envelope'
             made = (self._correlation(key), NoiseGauge(self._medium, pulse, *key[:2]),
-                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s), self.shape.width_m,
-                    0.5 * self._speed_m_s * (key[2] + key[0] * key[1] - pulse.duration_s))
+                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s), self.shape.width_m)
         finally:
             self._begun.discard(key)
         if len(self._filters) == _FILTERS:
@@ -278,9 +272,8 @@ class Listener:
 _Key: TypeAlias = tuple[int, float, float]
 """Samples, sample period [s] and time of the first sample [s]."""
 
-_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd, float, float]
-"""All that pings of one length, period and start are heard with; then the width of a cell of range [m], and the range
-[m] from where the middle of a pulse's band comes too late."""
+_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd, float]
+"""All that pings of one length, period and start are heard with; the last is the width of a cell of range [m]."""
 
 
 def _key(ping: Ping) -> _Key:

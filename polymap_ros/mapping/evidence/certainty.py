@@ -8,13 +8,8 @@ from numpy.typing import NDArray
 
 from polymap_ros.mapping.evidence.power import Model
 from polymap_ros.mapping.evidence.power_search import PRICE
-from polymap_ros.mapping.evidence.search import FULL_ORDER, OBVIOUS, Found, Search, without_wall
+from polymap_ros.mapping.evidence.search import FULL_ORDER, OBVIOUS, Found, Search, least_gain, without_wall
 from polymap_ros.mapping.evidence.waveform import Wave, WaveformLikelihood
-
-_MISFIT = 0.005
-"""Share of the log likelihood that an edge has to bring, where that is more than its price. At the truth it differs by
-up to 0.7 % from that of full waveform synthesis, and what is predicted a little wrong, an edge that is not there may
-put right. In random plates every edge brings more than 20 %."""
 
 _TRUSTED = 0.85
 """Share of the echoes' power from which what is left casts no doubt on the edges: of L- and T-shaped outlines and of
@@ -43,7 +38,7 @@ class Certainty(NamedTuple):
 
 def certainty_of(search: Search, found: Found) -> Generator[None, None, Certainty]:
     """Leave out every edge in turn, refit, and compare; the odds are exp(loss - price), less a doubt."""
-    price = max(PRICE, _MISFIT * (found.value + PRICE * len(found.lines)))
+    price = least_gain(found.value + PRICE * len(found.lines))
     few = found.wave and search.few_wave.evaluate(*_walls(found.wave), FULL_ORDER, derive=False)
     losses = np.empty(len(found.lines))
     bounding = np.zeros(len(found.lines), np.bool_)

@@ -21,6 +21,9 @@ that far below 1 in one ping of a thousand."""
 _UNHEARD = 1e-4
 """Share of what is heard that is left away with the end of the range axis: pings may be over before it."""
 
+_CUT = 4
+"""Compressed pulses before a ping's end within which echoes are heard in part: so far dispersion draws them out."""
+
 
 _SOFT = 0.1
 """Share of a cycle of range over which a wall's end is soft: what the ends of walls move by while they are found."""
@@ -126,8 +129,10 @@ class EchoData:
         signal = scaled * np.exp(-2j * pulse.carrier * ranges).astype(np.complex64)
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
         heard = np.cumsum(np.einsum('ij,ij->j', parts, parts).reshape(-1, 2).sum(axis=1, dtype=float))
-        end = min(int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - 4)
-        last = max(end - len(pulse.power), 0)  # later echoes are heard in part
+        width = len(pulse.power)
+        end, last = int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - width - 4
+        if end < last:  # pings are over before the axis is
+            last = max(end - _CUT * width, 0)
         power = 0.5 * np.abs(scaled[:, :last + 1:stride]).astype(float) ** 2
         quietest = power.shape[1] // 5
         quiet = np.partition(power, quietest, axis=1)[:, quietest] / -np.log(0.8)  # of an exponential's mean

@@ -34,6 +34,11 @@ _WHOLE = 0.995
 _SHORT, _CUTS = (1.2, 2.5, 5.0), 10
 """Pulse widths of the edges by which corners are cut off, and how many of these, the best by power, are looked into."""
 
+_MISFIT = 0.005
+"""Share of the log likelihood that an edge has to bring, where that is more than its price. At the truth it differs by
+up to 0.7 % from that of full waveform synthesis, and what is predicted a little wrong, an edge that is not there may
+put right. In random plates every edge brings more than 20 %."""
+
 _EXCHANGED = 2
 """Edges, those worth least, for which others are tried."""
 
@@ -241,7 +246,7 @@ class Search(PowerSearch):
         for cut in sorted((cut for cut in cuts if cut is not None), key=lambda cut: -cut.value)[:2]:
             refined = self.wave.refine(cut.lines, cut.reflection, cut.phase, FULL_ORDER)
             yield
-            if refined is not None and refined.value > (more or wave).value + (0.0 if more else PRICE):
+            if refined is not None and refined.value > (more.value if more else wave.value + least_gain(wave.value)):
                 more = refined
         return more
 
@@ -343,6 +348,11 @@ class Search(PowerSearch):
             if more is not None and more.value - PRICE * len(more.lines) > value + 1.0:
                 return more
         return None
+
+
+def least_gain(value: float) -> float:
+    """Nats that an edge has to bring to be sure, where all are worth so many."""
+    return max(PRICE, _MISFIT * value)
 
 
 def without_wall(likelihood: WaveformLikelihood, wave: Wave, wall: int) -> Wave | None:

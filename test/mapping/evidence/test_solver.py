@@ -8,7 +8,7 @@ from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.evidence import certainty
+from polymap_ros.mapping.evidence import search
 from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import iou, polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
@@ -449,7 +449,7 @@ def test_an_edge_as_short_as_two_pulses_is_found(edges, seed, listen):
 def test_an_edge_that_brings_next_to_nothing_is_weak(hexagon, listen, monkeypatch):
     """What is predicted a little wrong can buy an edge: were all of it that uncertain, no edge would be sure."""
     scene, samples, _, _ = hexagon
-    monkeypatch.setattr(certainty, '_MISFIT', 1.0)
+    monkeypatch.setattr(search, '_MISFIT', 1.0)
     estimate = listen(scene, samples).solve()
     assert codes(estimate) == ['weak_edge']
     assert all(edge.likelihood < 0.01 for edge in estimate.polygon.edges)
