@@ -219,7 +219,7 @@ def test_a_path_and_its_reverse_are_heard_with_four_times_the_power(hear, triang
         half = images.distance_m / 2.0
         for d in np.unique(np.round(half, 9)):
             same = np.abs(half - d) < 1e-8
-            if np.all(np.abs(half[~same] - d) > 4.0 * data.pulse.width_m):
+            if np.all(np.abs(half[~same] - d) > 4.0 * data.pulse.width_m) and d < data.range_max_m:
                 cell = round(d / data.cell_m)
                 strengths[same.sum()].append(data.power[i, cell] / likelihood.explained[i, cell])
     assert min(map(len, strengths.values())) > 20
