@@ -134,9 +134,8 @@ def test_scale_and_drift_are_found_and_named(drifting):
     assert (corrected.status, corrected.cautions) == ('closed', ())
 
 
-@pytest.mark.parametrize(('seed', 'edges'), [(4, 4), (2, 3)])
-def test_steel_taken_for_aluminium_takes_two_numbers(seed, edges):
-    scene = dataclasses.replace(random_scene(seed, edges, SHORT), told_medium=MediumParameters(
+def test_steel_taken_for_aluminium_takes_two_numbers():
+    scene = dataclasses.replace(random_scene(4, 4, SHORT), told_medium=MediumParameters(
         longitudinal_speed_m_s=5960.0, shear_speed_m_s=3235.0))
     _, session = heard(scene)
     fit = done(calibrated_medium(session))
