@@ -16,7 +16,7 @@ def sensor_input() -> QoSProfile:
 def no_events() -> PublisherEventCallbacks:
     """Of publishers that offer all that a subscriber may ask for.
 
-    Every event that is watched, two for each publisher, costs each round of the executor some 15 us; a subscriber of
+    Every event that is watched, two for each publisher, takes its time in each round of the executor; a subscriber of
     another type or with deadlines is warned by its own node.
     """
     return PublisherEventCallbacks(use_default_callbacks=False)

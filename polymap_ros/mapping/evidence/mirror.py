@@ -23,8 +23,8 @@ _ALIKE = 0.8
 blind to a distance that is off by less than a pulse's width, and what only phase can tell apart differs by less."""
 
 _TRIED, _REACH = 4, 8
-"""So many images are settled, more than were ever needed, of axes so many steps aside and turned at the most: half a
-pulse's width each, by which power changes little."""
+"""So many images are settled, the best by power, of axes so many steps aside and turned at the most: half a pulse's
+width each, by which power changes little."""
 
 Axis = tuple[NDArray[np.float64], NDArray[np.float64]]
 
