@@ -26,13 +26,14 @@ RELIABLE = [part for topic in TOPICS
 DOMAIN_ID = '77'
 WAIT_S = 20.0
 SPARSE_HZ = 2.0
+ROUNDS = 5
 NS = 1_000_000_000
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add what a drive is like."""
     parser.add_argument('--minutes', type=float, metavar='M',
-                        help='live, cpu, speed: length of the drive (default: 10; 1; 10)')
+                        help='live, cpu, speed: length of the drive (default: 10; 0.2, four times in each round; 10)')
     parser.add_argument('--odom-hz', type=float, metavar='F', help='live, cpu: odometry rate (default: 200)')
     parser.add_argument('--ping-hz', type=float, metavar='F', help='live, cpu: pings per second (default: 20)')
     parser.add_argument('--samples', type=int, metavar='N', help='live, cpu: samples per ping (default: 8192)')
@@ -199,9 +200,12 @@ def live_table(seconds: 'list[Second]', newest: dict[str, str], sent: tuple[int,
 
 
 def cpu(arguments: argparse.Namespace) -> 'tuple[list[Second], str]':
-    """CPU of an idle node, of an odometry message and of a ping, beside a node that only subscribes."""
+    """CPU of an idle node, of an odometry message and of a ping, beside a node that only subscribes.
+
+    Measured in turn, as what a message costs depends on what else the machine does: from round to round by a fifth.
+    """
     require_ros()
-    stream, duration_s = Stream.of(arguments), 60.0 * (arguments.minutes or 1.0)
+    stream, duration_s = Stream.of(arguments), 60.0 * (arguments.minutes or 0.2)
     own_domain()
     pings = stream.pings()
     never = ['-p', 'solver.period_s:=1000000.0']
@@ -210,8 +214,8 @@ def cpu(arguments: argparse.Namespace) -> 'tuple[list[Second], str]':
         'node, no solve': ('polymap_ros.commands.node', ['--ros-args', *RELIABLE, *node_arguments(arguments), *never]),
         'node': ('polymap_ros.commands.node', ['--ros-args', *RELIABLE, *node_arguments(arguments)]),
     }
-    rows = [Second({'node': name, **cpu_of(module, command, stream, duration_s, pings)})
-            for name, (module, command) in nodes.items()]
+    rows = [Second({'round': number, 'node': name, **cpu_of(module, command, stream, duration_s, pings)})
+            for number in range(ROUNDS) for name, (module, command) in nodes.items()]
     return rows, cpu_table([row.values for row in rows])
 
 
@@ -242,15 +246,21 @@ def cpu_of(
             'ping_us': 1e6 * (echoes - idle - odometry_s * SPARSE_HZ) / stream.ping_hz, 'share': both}
 
 
-def cpu_table(rows: list[dict[str, object]]) -> str:
-    """A row per node, with its ratio to the first."""
+def cpu_table(rows: list[dict[str, Any]]) -> str:
+    """A row per node: medians of its rounds, and of the ratios to the first node of the same round."""
     lines = ['| node | idle, of a core | an odometry message | a ping | both, of a core |',
              '| --- | --- | --- | --- | --- |']
+    rounds: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        each = (f'{float(str(row[name])):.0f} us, {float(str(row[name])) / float(str(rows[0][name])):.1f}x'
+        rounds.setdefault(row['node'], []).append(row)
+    references = next(iter(rounds.values()))
+
+    for node, own in rounds.items():
+        each = (f'{statistics.median(row[name] for row in own):.0f} us, '
+                f'{statistics.median(row[name] / first[name] for row, first in zip(own, references, strict=True)):.2f}x'
                 for name in ('odometry_us', 'ping_us'))
-        lines.append(f'| {row["node"]} | {float(str(row["idle_share"])):.1%} | {" | ".join(each)} | '
-                     f'{float(str(row["share"])):.1%} |')
+        lines.append(f'| {node} | {statistics.median(row["idle_share"] for row in own):.1%} | {" | ".join(each)} | '
+                     f'{statistics.median(row["share"] for row in own):.1%} |')
     return '\n'.join(lines)
 
 

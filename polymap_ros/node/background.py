@@ -4,9 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 
-from rclpy.node import Node
-
-from polymap_ros.node.stopwatch import Stopwatch
+from polymap_ros.node.later import Later
 
 
 class Background:
@@ -14,28 +12,26 @@ class Background:
 
     Parameters
     ----------
-    node : Node
-        Whose executor it is.
-    stopwatch : Stopwatch
-        Times what follows.
+    later : Later
+        The executor's thread.
     follow : callable
         Called in the executor's thread after each job; an error of the job is raised there in its place.
     """
 
-    def __init__(self, node: Node, stopwatch: Stopwatch, follow: Callable[[], None]) -> None:
+    def __init__(self, later: Later, follow: Callable[[], None]) -> None:
         self._follow = follow
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='background')
         self._jobs: deque[Future[None]] = deque()
-        self._ended = node.create_guard_condition(stopwatch.timed('filter ready', self._end))
+        self._later = later
 
     def __call__(self, job: Callable[[], None]) -> None:
         """Do a job."""
         self._jobs.append(self._thread.submit(job))
-        self._jobs[-1].add_done_callback(lambda _: self._ended.trigger())
+        self._jobs[-1].add_done_callback(lambda _: self.again())
 
     def again(self) -> None:
         """Call `follow` again, after the callbacks that wait."""
-        self._ended.trigger()
+        self._later('filter ready', self._end)
 
     def close(self) -> None:
         """Let the jobs end."""

@@ -22,6 +22,7 @@ from polymap_ros.node.diagnostics import Diagnostics, Parts
 from polymap_ros.node.factory import fields_of
 from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
+from polymap_ros.node.later import Later
 from polymap_ros.node.publishers import Outputs
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.sensor_frame import SensorFrame
@@ -31,8 +32,8 @@ from polymap_ros.parameters import NODE_NAME, Parameters
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.results.arrays import read_state
 
-DIAGNOSTICS_PERIOD_S = 1.0
-AUTOSAVE_CHECK_S = 0.5
+CHORES_S = 1.0
+HEARTBEAT_S = 10.0
 PINGS_AT_ONCE = 4
 """Pings that have waited are used so many at a time, so that what comes meanwhile does not wait for all of them."""
 
@@ -62,7 +63,8 @@ class PolymapNode(Node):  # type: ignore[misc]
         when_compiling(self.get_logger().info)
         warm_up(parameters, pulse)
         self._stopwatch = Stopwatch()
-        self._background = Background(self, self._stopwatch, self._go_on)
+        self._later = Later(self, self._stopwatch)
+        self._background = Background(self._later, self._go_on)
         if parameters.output.load_path:
             state = read_state(Path(parameters.output.load_path))
             self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background, PINGS_AT_ONCE)
@@ -75,17 +77,18 @@ class PolymapNode(Node):  # type: ignore[misc]
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._live = LiveParameters(self, parameters, self._apply)
         watch = self._stopwatch
-        self._outputs = Outputs(self, self._mapper, steady, watch, lambda: self._live.current)
-        self._solving = SolveLoop(self, self._mapper, steady, watch, self._outputs.drawn, self._outputs.publish)
+        self._outputs = Outputs(self, self._mapper, self._later, lambda: self._live.current)
+        self._solving = SolveLoop(
+            self, self._mapper, steady, self._later, watch, self._outputs.drawn, self._outputs.publish)
         self._solving.set_period(parameters.solver.period_s)
         self._saver = Saver(self, self._mapper, lambda: self._live.current, watch)
-        self.create_timer(AUTOSAVE_CHECK_S, watch.timed('automatic save', self._saver.autosave), clock=steady)
         self._watch_clock()
         self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry, watch)
         self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo, watch)
         parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver, watch)
         self._diagnostics = Diagnostics(self, parts)
-        self.create_timer(DIAGNOSTICS_PERIOD_S, watch.timed('diagnostics', self._diagnostics.publish), clock=steady)
+        self._chores_done = 0
+        self.create_timer(CHORES_S, self._do_chores, clock=steady)
         self._offer_services()
         self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
 
@@ -150,6 +153,15 @@ class PolymapNode(Node):  # type: ignore[misc]
     def _settle(self) -> None:
         if self._mapper.behind:
             self._background.again()
+
+    def _do_chores(self) -> None:
+        """What is done once a second; the heartbeat only every `HEARTBEAT_S`."""
+        self._chores_done += 1
+        self._later('automatic save', self._saver.autosave)
+        self._later('beam map', self._outputs.publish_beam_map)
+        self._later('diagnostics', self._diagnostics.publish)
+        if self._chores_done % round(HEARTBEAT_S / CHORES_S) == 0:
+            self._later('heartbeat', self._outputs.repeat)
 
     def _watch_clock(self) -> None:
         threshold = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)

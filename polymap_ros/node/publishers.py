@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, TypeAlias
 
-from rclpy.clock import Clock
 from rclpy.node import Node
 
 from polymap_ros.errors import ParameterError
@@ -13,16 +12,10 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.plane import XY
 from polymap_ros.messages import markers, outputs
 from polymap_ros.node.factory import make, message_class
+from polymap_ros.node.later import Later
 from polymap_ros.node.qos import latched_output, no_events
-from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.occupancy import occupancy_of
-
-PERIOD_S = 0.005
-"""Time between two messages, which are published one by one so that no callback takes long."""
-
-BEAM_MAP_PERIOD_S = 1.0
-HEARTBEAT_PERIOD_S = 10.0
 
 
 class Latched:
@@ -67,20 +60,17 @@ class Outputs:
     Parameters
     ----------
     node : Node
-        Owner of publishers and timers.
+        Owner of the publishers.
     mapper : PolygonMapper
         What is shown.
-    steady : Clock
-        The steady clock.
-    stopwatch : Stopwatch
-        Times the callbacks.
+    later : Later
+        The executor's thread; messages are published one by one, so that no callback takes long.
     parameters : callable
         Gives the parameters in force.
     """
 
     def __init__(
-        self, node: Node, mapper: PolygonMapper, steady: Clock, stopwatch: Stopwatch,
-        parameters: Callable[[], Parameters],
+        self, node: Node, mapper: PolygonMapper, later: Later, parameters: Callable[[], Parameters]
     ) -> None:
         self._node = node
         self._mapper = mapper
@@ -92,10 +82,7 @@ class Outputs:
         self._map = Latched(node, 'map', 'nav_msgs/msg/OccupancyGrid')
         self._mapped_pings = 0
         self._due: deque[Callable[[], None]] = deque()
-        self._timer = node.create_timer(PERIOD_S, stopwatch.timed('output', self._publish_next), clock=steady)
-        self._timer.cancel()
-        node.create_timer(BEAM_MAP_PERIOD_S, stopwatch.timed('beam map', self._publish_beam_map), clock=steady)
-        node.create_timer(HEARTBEAT_PERIOD_S, stopwatch.timed('heartbeat', self._repeat), clock=steady)
+        self._publish_soon = later.named('output', self._publish_next)
 
     def drawn(self, twin: PolygonMapper) -> list[Ready]:
         """The messages of a twin's estimate; in any thread."""
@@ -118,7 +105,7 @@ class Outputs:
     def publish(self, messages: Sequence[Ready]) -> None:
         """Publish what was drawn, message by message."""
         self._due = deque(messages)
-        self._timer.reset()
+        self._publish_soon()
 
     def clear(self, frame_id: str) -> None:
         """Replace everything latched: no corners, no markers, one unknown cell, a map of zeros."""
@@ -132,10 +119,10 @@ class Outputs:
     def _publish_next(self) -> None:
         if self._due:
             self._due.popleft()()
-        if not self._due:
-            self._timer.cancel()
+        if self._due:
+            self._publish_soon()
 
-    def _publish_beam_map(self) -> None:
+    def publish_beam_map(self) -> None:
         """Publish the beamforming map where it has changed, at a limited rate, since it is large."""
         beam_map = self._mapper.beam_map
         if beam_map.count == self._mapped_pings:
@@ -144,7 +131,8 @@ class Outputs:
         self._beam_map.publish(outputs.beam_map_message(
             make, self._mapper.places.last_ns, self._start_frame, beam_map.values))
 
-    def _repeat(self) -> None:
+    def repeat(self) -> None:
+        """Publish all that is latched again."""
         for output in (self._polygon, self._markers, self._beam_map, self._map):
             self._due.append(output.repeat)
-        self._timer.reset()
+        self._publish_soon()

@@ -12,6 +12,7 @@ from rclpy.node import Node
 
 from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.node.later import Later
 from polymap_ros.node.stopwatch import Stopwatch
 
 
@@ -36,6 +37,8 @@ class SolveLoop:
         What is solved.
     steady : Clock
         The steady clock.
+    later : Later
+        The executor's thread.
     stopwatch : Stopwatch
         Times the callbacks.
     drawn : callable
@@ -54,7 +57,7 @@ class SolveLoop:
     """
 
     def __init__(
-        self, node: Node, mapper: PolygonMapper, steady: Clock, stopwatch: Stopwatch,
+        self, node: Node, mapper: PolygonMapper, steady: Clock, later: Later, stopwatch: Stopwatch,
         drawn: Callable[[PolygonMapper], Sequence[Any]], finished: Callable[[Sequence[Any]], None],
     ) -> None:
         self.behind = 0
@@ -72,7 +75,7 @@ class SolveLoop:
         self._running = threading.Event()
         self._running.set()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix='solve')
-        self._ended = node.create_guard_condition(stopwatch.timed('end of a solve', self._end))
+        self._later = later
         self._timer = node.create_timer(1.0, stopwatch.timed('begin of a solve', self._begin), clock=steady)
 
     @property
@@ -136,7 +139,7 @@ class SolveLoop:
             problem = f'the solver failed: {type(error).__name__}: {error}'
             self._node.get_logger().error(f'{problem}\n{traceback.format_exc()}', throttle_duration_sec=10.0)
             self._outcome = _Outcome(number, time.monotonic() - started_s, problem)
-        self._ended.trigger()
+        self._later('end of a solve', self._end)
 
     def _end(self) -> None:
         outcome = self._outcome

@@ -64,5 +64,5 @@ def test_cpu_of_the_node_that_only_subscribes():
     row = cpu_of('polymap_ros.node.reference', [], stream, 1.0, stream.pings())
     assert 0.0 <= row['idle_share'] < row['share'] < 1.0
     lines = cpu_table([{'node': 'one', **row}, {'node': 'other', **row, 'ping_us': 3.0 * row['ping_us']}]).splitlines()
-    assert lines[2].count('1.0x') == 2
-    assert '3.0x' in lines[3]
+    assert lines[2].count('1.00x') == 2
+    assert '3.00x' in lines[3]
