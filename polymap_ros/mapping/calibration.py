@@ -31,8 +31,9 @@ from polymap_ros.parameters import Parameters
 MIN_PINGS = 8
 """Fewer pings tell too little of a path."""
 
-_TRIED = 2
-"""Sharpest points, without phase and again with it, from which is gone on."""
+_STARTS, _TRIED = 4, 2
+"""Sharpest points without phase, from each of which, the best first, is gone on until the echoes are explained, and
+sharpest points with phase about each."""
 
 _APART = 3.0
 """Steps of the grid that two of them are apart at least."""
@@ -199,7 +200,7 @@ def _sharpest(session: Session, family: Family) -> Generator[None, None, list[ND
         if search := _search(session, family, p):
             focus[index] = line_focus(search.data, strength)
     tops = []
-    for _ in range(_TRIED):
+    for _ in range(_STARTS):
         best = int(np.argmax(focus))
         tops.append(_top(points, focus))
         focus[max(best - 2, 0):best + 3] = -np.inf

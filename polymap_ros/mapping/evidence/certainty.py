@@ -15,6 +15,10 @@ _TRUSTED = 0.85
 """Share of the echoes' power from which what is left casts no doubt on the edges: of L- and T-shaped outlines and of
 plates with a seam, polygons explain 0.86 to 0.94, and their edges are real (measured)."""
 
+_OUT_OF_PHASE = 0.75
+"""Doubt in edges whose echoes, heard with phase, agree in power only: the medium, the time zero or the positions are
+wrong then, and so may the edges be (of 45 in such scenes 34 were real, to 10 mm)."""
+
 _CYCLE_ERROR = 7e-4
 """Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
 known; without phase, of the pulse's width."""
@@ -51,6 +55,8 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     likelihood = 1.0 / (1.0 + np.exp(np.clip(price - losses, -500.0, 500.0)))
     # Where much is left unexplained, a wall that is not there may explain some of it.
     doubt = np.clip((found.explained + search.uncertainty) / _TRUSTED, 0.0, 1.0)
+    if search.coherent and found.wave is None:
+        doubt *= _OUT_OF_PHASE
     reflection = np.exp(0.5 * found.model.loss) if found.wave is None else np.abs(found.wave.reflection)
     silent = reflection < _SILENT
     unsupported = int(np.sum((bounding & (losses < PRICE)) | silent))

@@ -15,8 +15,8 @@ CELLS_PER_WIDTH = 3.0
 """Cells of range per independent width of the pulse: fine enough that the power is smooth between them."""
 
 _WEAK = 0.7
-"""A ping's quietest fifth below this share of the noise says that the noise counts for more than it is: by chance it is
-that far below 1 in one ping of a thousand."""
+"""A ping's quietest fifth below this share of the noise says that the noise counts for more than it is. By chance it is
+that far below 1 in one or two pings of a hundred (measured), which does them no harm."""
 
 _UNHEARD = 1e-4
 """Share of what is heard that is left away with the end of the range axis: pings may be over before it."""

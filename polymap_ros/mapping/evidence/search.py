@@ -18,8 +18,9 @@ FULL_ORDER = 5
 """Orders of reflection that the waveform explains."""
 
 _COHERENT = 0.2
-"""Share of the power's log likelihood below which the waveform's says that phases are not to be trusted; with them the
-waveform is worth more than the power, and with a wrong edge in it still more than half."""
+"""Share of the power's log likelihood below which the waveform's says that phases are not to be trusted. At the
+right polygon the waveform is worth several times the power; between wrong ones and phases without meaning there is no
+gap, and what is taken for the latter is told (`incoherent`)."""
 
 OBVIOUS = 400.0
 """Nats by which a waveform may be worse without a wall to be refitted: the others, three numbers each, make up for tens

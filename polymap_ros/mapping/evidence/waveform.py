@@ -200,7 +200,10 @@ class WaveformLikelihood:
 
 
 def gradient(wave: Wave) -> NDArray[np.float64]:
-    """Gradient (3 n,) of L with the prior of the losses; what is not heard is held fast."""
+    """Gradient (3 n,) of L with the prior of the losses; what is not heard is held fast.
+
+    That a path fades at the soft end of a wall (`EchoData.soft_m`) is left out, as is the decay with range.
+    """
     slope: NDArray[np.float64] = wave.scores.sum(axis=0)
     slope[2::3] -= np.log(np.maximum(np.abs(wave.reflection), 1e-6)) / _LOSS_DEVIATION**2
     slope[np.repeat(wave.reflection == 0.0, 3)] = 0.0
