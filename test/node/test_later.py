@@ -7,7 +7,6 @@ import pytest
 pytest.importorskip('rclpy')
 
 import rclpy
-
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
