@@ -19,8 +19,8 @@ FULL_ORDER = 5
 
 _COHERENT = 0.2
 """Share of the power's log likelihood below which the waveform's says that phases are not to be trusted. At the
-right polygon the waveform is worth several times the power; between wrong ones and phases without meaning there is no
-gap, and what is taken for the latter is told (`incoherent`)."""
+right polygon the waveform is worth 1.1 times the power at 0 dB and twice as much at -10 dB; where positions are off by
+5 mm, 0.01 to 0.15, seldom a third (random plates, even seeds). Wrong polygons are worth all between."""
 
 OBVIOUS = 400.0
 """Nats by which a waveform may be worse without a wall to be refitted: the others, three numbers each, make up for tens
