@@ -243,11 +243,11 @@ def _settled(session: Session, family: Family, points: list[NDArray[np.float64]]
     if best is None or best[2].wave is None:
         return Refusal(_OUT_OF_PHASE)
     peak = yield from _climbed(session, family, best[1], best[2].wave)
-    found = yield from _polygon(session, family, peak.at)
+    found = yield from _put_right(session, family, peak)
     if found is not None and found.wave is not None and found.wave.value > peak.value + _NATS:
         # The polygon of the sharpest point was not yet the right one.
         peak = yield from _climbed(session, family, peak.at, found.wave)
-        found = yield from _polygon(session, family, peak.at)
+        found = yield from _put_right(session, family, peak)
     return _concluded(session, family, peak, found)
 
 
@@ -293,15 +293,33 @@ def _in_phase(
 def _polygon(
     session: Session, family: Family, q: NDArray[np.float64]
 ) -> Generator[None, None, Found | None]:
-    """The polygon under one assumption, as the solver finds it."""
+    """The polygon under one assumption, as the solver finds it; not searched for further where no phase agrees."""
     search = _search(session, family, q)
     if search is None:
         return None
+    best = None
     for start in search.starts():
         yield
-        if start is not None:
-            return (yield from search.polygon(start))
-    return None
+        found = None if start is None else (yield from search.polygon(start))
+        if found is not None and (best is None or found.value > best.value):
+            best = found
+        if best is not None and (best.wave is None or best.explained > EXPLAINED):
+            break
+    return best
+
+
+def _put_right(
+    session: Session, family: Family, peak: Peak[tuple[NDArray[np.float64], Wave]]
+) -> Generator[None, None, Found | None]:
+    """The polygon that a climb ended with, edges dropped and added; where it does not explain the echoes, another."""
+    search, wave = _search(session, family, peak.at), peak.found[1]
+    assert search is not None, 'the climb has been there'
+    loss = 2.0 * np.log(np.abs(wave.reflection))
+    found = yield from search.settle(search.power.initial(1.0).with_lines(wave.lines, loss))
+    if found is not None and found.explained > EXPLAINED:
+        return found
+    other = yield from _polygon(session, family, peak.at)
+    return max((each for each in (found, other) if each is not None), key=lambda each: each.value, default=None)
 
 
 def _climbed(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.power_search import PRICE, SEARCH_ORDER
+from polymap_ros.mapping.evidence.proposals import across_corners
 from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search
 
 _SHARES = (0.15, 0.3, 0.6)
@@ -46,17 +47,11 @@ def _cuts(
     """Lines and reflection coefficients with a silent wall across a corner, beyond all pings."""
     _, corners = corners_of(walls)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    for corner in range(len(corners)):
-        before, after = walls[corner - 1, 1], walls[corner, 1]
-        theta = before + 0.5 * np.mod(after - before, 2.0 * np.pi)
-        normal = np.array([np.cos(theta), np.sin(theta)])
-        # Depth of a cut that takes a share of the shorter edge away from the corner.
-        depth = min(lengths[corner - 1], lengths[corner]) * np.sin(0.5 * np.mod(after - before, 2.0 * np.pi))
-        furthest = float(np.max(search.data.positions @ normal))
-        for share in _SHARES:
-            r = float(corners[corner] @ normal) - share * depth
-            if r <= furthest:
-                break
-            lines = np.vstack((walls, (r, np.angle(np.exp(1j * theta)))))
-            order = np.argsort(lines[:, 1], kind='stable')
-            yield np.ascontiguousarray(lines[order]), np.append(reflection, 0.0)[order]
+    turn = np.mod(walls[:, 1] - np.roll(walls[:, 1], 1), 2.0 * np.pi)
+    depth = np.minimum(lengths, np.roll(lengths, 1)) * np.sin(0.5 * turn)  # that takes all of the shorter edge away
+    for share in _SHARES:
+        for r, theta in across_corners(walls[:, 1], corners, 0.5, share * depth):
+            if r > np.max(search.data.positions @ (np.cos(theta), np.sin(theta))):
+                lines = np.vstack((walls, (r, theta)))
+                order = np.argsort(lines[:, 1], kind='stable')
+                yield np.ascontiguousarray(lines[order]), np.append(reflection, 0.0)[order]

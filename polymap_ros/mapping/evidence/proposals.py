@@ -359,14 +359,20 @@ def corner_cuts(
     lengths_m : sequence of float
         Lengths of the edges.
     """
-    before = np.roll(theta, 1)
-    turn = np.mod(theta - before, 2.0 * np.pi)
+    turn = np.mod(theta - np.roll(theta, 1), 2.0 * np.pi)
     lines = []
     for share in _TURNS:
-        first, second = share * turn, (1.0 - share) * turn
-        angle = before + first
-        r = corners[:, 0] * np.cos(angle) + corners[:, 1] * np.sin(angle)
-        # Of the triangle that is cut off: its side and height on the edge, and the angles there.
-        height = 1.0 / (1.0 / np.tan(first) + 1.0 / np.tan(second))
-        lines += [np.column_stack((r - length * height, np.angle(np.exp(1j * angle)))) for length in lengths_m]
+        # Height of the triangle that is cut off on an edge of length 1, from the angles there.
+        height = 1.0 / (1.0 / np.tan(share * turn) + 1.0 / np.tan((1.0 - share) * turn))
+        lines += [across_corners(theta, corners, share, length * height) for length in lengths_m]
     return np.vstack(lines)
+
+
+def across_corners(
+    theta: NDArray[np.float64], corners: NDArray[np.float64], share: float, depth_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """A line (n, 2) across each corner, so far from it (n,) [m], at a share of the turn from wall to wall."""
+    before = np.roll(theta, 1)
+    angle = before + share * np.mod(theta - before, 2.0 * np.pi)
+    r = corners[:, 0] * np.cos(angle) + corners[:, 1] * np.sin(angle) - depth_m
+    return np.column_stack((r, np.angle(np.exp(1j * angle))))

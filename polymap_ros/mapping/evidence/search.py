@@ -137,7 +137,7 @@ class Search(PowerSearch):
             if changed is None and explained < _ALL_EXPLAINED:
                 changed = yield from self._added(model, wave)
             if changed is None and explained < _WHOLE:
-                changed = yield from self._cut_off(model, wave)
+                changed = yield from self._shortened(model, wave)
             if changed is None:
                 break
             wave = changed
@@ -226,8 +226,8 @@ class Search(PowerSearch):
         lines = strongest_chords(left, expected, base.strength, corners, CHORDS)
         return (yield from self._with_another(base, lines, wave.value - PRICE * len(wave.lines)))
 
-    def _cut_off(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
-        """The best waveform with a corner cut off by an edge so short that no feet propose it.
+    def _shortened(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
+        """The best waveform with a corner cut off by an edge too short for its feet to propose it.
 
         Power tells roughly where, and the waveform, by a part of the pings, which of these and how far from the corner.
         """
