@@ -196,23 +196,27 @@ class Search(PowerSearch):
         return best if best is not None and best.value + PRICE > wave.value else None
 
     def _slipped(self, wave: Wave) -> Generator[None, None, Wave | None]:
-        """The best waveform with one wall half a cycle of range off and its sign turned, or a whole cycle off."""
-        cycle = np.pi / self.data.pulse.carrier
-        trials = []
+        """The best waveform with one wall half a cycle of range off and its sign turned, or a whole cycle off.
+
+        A part of the pings tells which of these may be worth more once all walls are refined.
+        """
+        cycle, trials = np.pi / self.data.pulse.carrier, []
+        as_is = self.few_wave.evaluate(wave.lines, wave.reflection, wave.phase, SEARCH_ORDER, derive=False)
+        least = -np.inf if as_is is None else as_is.value - OBVIOUS
         for wall in range(len(wave.lines)):
             yield
             for slip, sign in ((-0.5, -1.0), (0.5, -1.0), (-1.0, 1.0), (1.0, 1.0)):
                 lines, reflection = wave.lines.copy(), wave.reflection.copy()
                 lines[wall, 0] += slip * cycle
                 reflection[wall] *= sign
-                moved = self.wave.evaluate(lines, reflection, wave.phase, FULL_ORDER, derive=False)
-                if moved is not None:
+                moved = self.few_wave.evaluate(lines, reflection, wave.phase, SEARCH_ORDER, derive=False)
+                if moved is not None and moved.value > least:
                     trials.append(moved)
         for trial in sorted(trials, key=lambda moved: -moved.value)[:2]:
             yield
-            moved = self.wave.refine(trial.lines, trial.reflection, trial.phase, FULL_ORDER)
-            if moved is not None and moved.value > wave.value + 1.0:
-                return moved
+            refined = self.wave.refine(trial.lines, trial.reflection, trial.phase, FULL_ORDER)
+            if refined is not None and refined.value > wave.value + 1.0:
+                return refined
         return None
 
     def _added(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
