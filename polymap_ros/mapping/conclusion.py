@@ -46,8 +46,7 @@ def conclude(
         if candidate:
             both = candidate, candidate.mirrored(*path_axis(snapshot.positions))
             answer = replace(answer, status='ambiguous', alternatives=both)
-        return _with(answer, 'straight_path', f'the sensor stayed within {width:.3g} m of one straight line, about '
-                                              'which walls cannot be told from their mirror images; drive a turn')
+        return replace(answer, cautions=(straight_path(width),))
     if snapshot.region.area == 0.0:
         return _with(answer, 'no_free_area', 'no ping has an echo that stands out')
     if candidate is None:
@@ -56,6 +55,12 @@ def conclude(
     if outside := _outside(snapshot, candidate):
         return _with(answer, 'path_outside', f'{outside} of {pings} pings lie outside the polygon')
     return answer
+
+
+def straight_path(half_width_m: float) -> Caution:
+    """The caution of a path that keeps so close to a straight line [m]."""
+    return Caution('straight_path', f'the sensor stayed within {half_width_m:.3g} m of one straight line, about which '
+                                    'walls cannot be told from their mirror images; drive a turn')
 
 
 def _with(answer: Estimate, code: str, text: str) -> Estimate:

@@ -7,7 +7,7 @@ from collections.abc import Generator
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.mapping.conclusion import MIN_PINGS
+from polymap_ros.mapping.conclusion import MIN_PINGS, straight_path
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
 from polymap_ros.mapping.evidence.cut_off import is_cut_off
@@ -270,10 +270,7 @@ def _has_two_sides(wall: Edge, middle: NDArray[np.float64], along: NDArray[np.fl
 
 def _straight(snapshot: Snapshot) -> list[Caution]:
     width = path_half_width(snapshot)
-    if width is None:
-        return []
-    return [Caution('straight_path', f'the sensor stayed within {width:.3g} m of one straight line, about which '
-                                     'walls cannot be told from their mirror images; drive a turn')]
+    return [] if width is None else [straight_path(width)]
 
 
 def _ambiguous(answer: Estimate, one: Candidate, other: Candidate) -> Estimate:
