@@ -11,10 +11,12 @@ from polymap_ros.mapping.beamforming import BeamformingMap
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.mapping.listening import Listener
+from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.sounding import Sounding
 from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
-from polymap_ros.simulation.waveforms import noise_free
+from polymap_ros.simulation.waveforms import noise_free, simulate
 
 TRIANGLE = np.array([(0.0, 0.0), (1.2, 0.0), (0.4, 0.9)])
 PENTAGON = np.array([(0.0, 0.0), (1.0, 0.0), (1.3, 0.7), (0.6, 1.2), (-0.2, 0.6)])
@@ -161,3 +163,27 @@ def pentagon():
 def in_pentagon():
     """Forty noisy pings about the pentagon at 0 dB, order 5."""
     return _hear(PENTAGON, _inside(PENTAGON, 40), seed=3)
+
+
+@pytest.fixture(scope='module')
+def listen(feed):
+    """A mapper that has heard a scene, or the first pings of it."""
+
+    def mapper_of(scene, samples=None, count=None, changes=None):
+        mapper = PolygonMapper(scene.parameters(Parameters()).replaced(changes or {}))
+        samples = simulate(scene).astype(np.float32) if samples is None else samples
+        part = dataclasses.replace(scene, poses=scene.poses[:count])
+        feed(mapper, part, samples[:count])
+        return mapper
+
+    return mapper_of
+
+
+@pytest.fixture(scope='module')
+def hexagon(listen):
+    """A scene of six edges, its samples, its first answer (by sixty pings) and the mapper's state before that."""
+    scene = random_scene(107, 6)
+    samples = simulate(scene).astype(np.float32)
+    mapper = listen(scene, samples)
+    state = mapper.state()
+    return scene, samples, mapper.solve(), state

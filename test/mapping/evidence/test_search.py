@@ -7,11 +7,12 @@ import pytest
 
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.mapping.evidence import data as data_module
+from polymap_ros.mapping.evidence.certainty import certainty_of
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
 from polymap_ros.mapping.evidence.power_search import active
 from polymap_ros.mapping.evidence.search import Search
-from polymap_ros.mapping.evidence.solver import EXPLAINED, search_of
+from polymap_ros.mapping.evidence.solver import CERTAIN, EXPLAINED, search_of
 from polymap_ros.mapping.evidence.waveform import WaveformLikelihood
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.mapping.pose import Pose
@@ -144,3 +145,14 @@ def test_a_second_mode_is_not_explained(seed, edges):
     found = judged(search, truth)
     np.testing.assert_allclose(found.lines, truth, atol=2e-3)
     assert 0.85 < found.explained < EXPLAINED - search.uncertainty
+
+
+def test_without_phase_no_edge_is_certain_that_should_have_one():
+    """Walls are worth as many nats by power alone, whether the echoes carry a phase that disagrees or none."""
+    search, truth = in_room(random_scene(120, 5))
+    found = judged(search, truth)
+    assert np.all(finished(certainty_of(search, found)).likelihood > 0.99)
+    by_power = found._replace(wave=None)
+    assert np.all(finished(certainty_of(search, by_power)).likelihood < CERTAIN)
+    search.coherent = False  # magnitudes
+    assert np.all(finished(certainty_of(search, by_power)).likelihood > 0.99)
