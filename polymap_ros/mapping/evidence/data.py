@@ -107,10 +107,13 @@ class EchoData:
 
     def every(self, count: int) -> 'EchoData':
         """One ping of so many."""
+        return self.chosen(np.arange(len(self.positions)) % count == 0)
+
+    def chosen(self, pings: NDArray[np.bool_]) -> 'EchoData':
+        """Some of the pings."""
         return dataclasses.replace(
-            self, positions=self.positions[::count].copy(), baselines=self.baselines[::count].copy(),
-            signal=self.signal[::count].copy(), power=self.power[::count].copy(), filling=self.filling[::count].copy(),
-            gain=self.gain[::count].copy())
+            self, positions=self.positions[pings], baselines=self.baselines[pings], signal=self.signal[pings],
+            power=self.power[pings], filling=self.filling[pings], gain=self.gain[pings])
 
     @classmethod
     def of(

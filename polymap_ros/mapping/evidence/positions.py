@@ -26,6 +26,9 @@ _POWER_STEPS = ((0.25, 6), (0.06, 5))
 _WAVE_STEPS = ((0.06, 4), (0.015, 4))
 """The same by phase."""
 
+_IN_PHASE = 0.25
+"""Cycles of range by which pings are thought to be off, at first, where the echoes agree in phase without a move."""
+
 _ROUNDS = 2
 Shares = Callable[[EchoData], NDArray[np.float64]]
 
@@ -41,23 +44,49 @@ class Placed(NamedTuple):
 def place(search: Search, found: Found) -> Generator[None, None, Placed | None]:
     """Move the pings and refine the walls in turns; None where even so the echoes do not agree in phase."""
     cycle, reported = search.data.shortest_m, search.data.positions
-    model, data, deviation = found.model, search.data, search.data.shortest_m
-    for step, count in _ROUNDS * _POWER_STEPS:
-        model, _ = PowerLikelihood(data).refine(model, SEARCH_ORDER, 6)
-        offsets, deviation = yield from _moves(data, reported, _by_power(model), step * cycle, count, deviation)
-        offsets, lines = _anchored(reported, offsets, model.lines)
-        data, model = dataclasses.replace(data, positions=reported + offsets), model.with_lines(lines, model.loss)
+    better: Found | None = found
+    data, deviation = search.data, _IN_PHASE * cycle
+    if found.wave is None:
+        model, deviation = found.model, cycle
+        for step, count in _ROUNDS * _POWER_STEPS:
+            model, _ = PowerLikelihood(data).refine(model, SEARCH_ORDER, 6)
+            offsets, deviation = yield from _moves(data, reported, _by_power(model), step * cycle, count, deviation)
+            offsets, lines = anchored(reported, offsets, model.lines)
+            data, model = dataclasses.replace(data, positions=reported + offsets), model.with_lines(lines, model.loss)
+        better = yield from search.over(data).settle(model)
     moved = search.over(data)
-    better = yield from moved.settle(model)
     for step, count in _ROUNDS * _WAVE_STEPS:
         if better is None or better.wave is None:
             return None
         offsets, deviation = yield from _moves(data, reported, _by_phase(better.wave), step * cycle, count, deviation)
-        offsets, lines = _anchored(reported, offsets, better.lines)
+        offsets, lines = anchored(reported, offsets, better.lines)
         moved = search.over(dataclasses.replace(data, positions=reported + offsets))
         better, data = (yield from moved.again(better.moved_to(lines))), moved.data
     better = better and (yield from moved.settle(better.model))
     return None if better is None or better.wave is None else Placed(moved, better, deviation)
+
+
+def join(search: Search, found: Found, offsets: NDArray[np.float64]) -> Generator[None, None, Placed | None]:
+    """Go on with the moves (N, 2) [m] of before, nan for pings that have come since: these are moved to where the
+    walls explain them best, and all walls refined.
+    """
+    assert found.wave is not None, 'pings are moved by phase'
+    cycle, reported, new = search.data.shortest_m, search.data.positions, np.isnan(offsets[:, 0])
+    offsets = np.where(new[:, None], 0.0, offsets)
+    data = dataclasses.replace(search.data, positions=reported + offsets)
+    if np.any(new):
+        come, deviation = data.chosen(new), found.misplaced_m
+        by_phase, far = _by_phase(found.wave), deviation > _IN_PHASE * cycle
+        tried = [(_by_power(found.model), *each) for each in _POWER_STEPS if far]
+        for shares, step, count in (*tried, *((by_phase, *each) for each in _WAVE_STEPS)):
+            moves, _ = yield from _moves(come, reported[new], shares, step * cycle, count, deviation)
+            come = dataclasses.replace(come, positions=reported[new] + moves)
+            offsets[new] = moves
+    offsets, lines = anchored(reported, offsets, found.lines)
+    moved = search.over(dataclasses.replace(data, positions=reported + offsets))
+    better = yield from moved.again(found.moved_to(lines))
+    deviation = max(float(np.sqrt(np.mean(offsets**2))), _WAVE_STEPS[-1][0] * cycle)
+    return None if better is None else Placed(moved, better, deviation)
 
 
 def _by_power(model: Model) -> Shares:
@@ -85,7 +114,7 @@ def _moves(
     return offsets, max(float(np.sqrt(np.mean(offsets**2))), step_m)
 
 
-def _anchored(
+def anchored(
     reported: NDArray[np.float64], offsets: NDArray[np.float64], lines: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Offsets without what they have of a shift and a turn about the middle, and the walls moved back with them."""

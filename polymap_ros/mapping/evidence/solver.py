@@ -15,7 +15,7 @@ from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.first_walls import first_walls
 from polymap_ros.mapping.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.mapping.evidence.paths import corners_of
-from polymap_ros.mapping.evidence.positions import place
+from polymap_ros.mapping.evidence.positions import Placed, join, place
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
 from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines
@@ -37,6 +37,12 @@ TOO_LITTLE = 0.5
 _SEARCH_AGAIN, _SCAN_AGAIN = 1.1, 1.5
 """So many times the pings let a search begin anew that has failed to explain the echoes, and let it try all lines,
 which takes seconds: where no convex polygon explains them, the work stays bounded."""
+
+_MOVES_AFTER = 2, 4
+"""Starts after which pings are moved: a polygon that two of them find is hardly what is wrong."""
+
+_MOVABLE = 12
+"""Pings from which they may be moved: fewer can be bent to a wrong polygon."""
 
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
@@ -64,6 +70,7 @@ class EvidenceSolver:
         self._searched = self._scanned = 0  # pings at the last search, and when it tried all lines
         self._doubted_at = 0  # pings when a missing wall and a mirror image that is as likely were looked for
         self._cut_off = False
+        self._moves: dict[int, NDArray[np.float64]] = {}  # of pings that were not where the odometry says, by stamp [m]
         self._other: Found | None = None
         self._work: Generator[None, None, Estimate] | None = None
         self._answer: Estimate | None = None
@@ -94,13 +101,12 @@ class EvidenceSolver:
         if kept < MIN_PINGS:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(Caution(
                 'too_few_pings', f'pings that could be used: {kept}; a polygon takes at least {MIN_PINGS}'),))
-        search, heard = search_of(evidence, self._parameters), evidence.all_places.count
+        reported, heard = search_of(evidence, self._parameters), evidence.all_places.count
+        stamps = [sounding.stamp_ns for sounding in evidence.soundings if sounding.echo.size]
         straight = _straight(snapshot)
         yield
-        found = yield from self._found(search, heard)
+        search, found = yield from self._found(reported, stamps, heard)
         self._last = found
-        if found is not None and found.wave is None and search.coherent:
-            search, found = yield from self._placed(search, found)
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
             return _open(snapshot, evidence, straight)
         found, other = yield from self._doubted(search, found, heard)
@@ -113,32 +119,67 @@ class EvidenceSolver:
         second = polygon_of(other, (yield from certainty_of(search, other)), search.data.positions)
         return _ambiguous(answer, answer.polygon, second)
 
-    def _found(self, search: Search, heard: int) -> Generator[None, None, Found | None]:
-        """The last answer refined while it explains the echoes, or until there is more to go by; else a new search."""
-        enough = EXPLAINED + _MARGIN - search.uncertainty / 3.0
-        best = None
-        if self._last is not None:
-            best = yield from search.again(self._last)
-            if best is not None and best.explained > enough:
-                return best
-        if heard < _SEARCH_AGAIN * self._searched:
-            return best
+    def _found(
+        self, reported: Search, stamps: list[int], heard: int
+    ) -> Generator[None, None, tuple[Search, Found | None]]:
+        """The last answer refined while it explains the echoes, or until there is more to go by; else a new search.
+
+        With it the search over the pings where they were found to be.
+        """
+        enough = EXPLAINED + _MARGIN - reported.uncertainty / 3.0
+        search, best = yield from self._again(reported, stamps)
+        if heard < _SEARCH_AGAIN * self._searched or (best is not None and best.explained > enough):
+            return search, best
         self._searched = heard
-        for start in search.starts():
+        tried = None  # with its pings moved
+        for number, start in enumerate(reported.starts(), 1):
             yield
-            found = None if start is None else (yield from search.polygon(start))
+            found = None if start is None else (yield from reported.polygon(start))
             if found is not None and (best is None or found.value > best.value):
-                best = found
+                search, best = reported, found
+            if number in _MOVES_AFTER and best is not None and best is not tried and best.explained <= enough:
+                search, best = yield from self._moved(reported, stamps, search, best, enough)
+                tried = best
             if best is not None and best.explained > enough:
-                return best
+                return search, best
         if best is not None and heard >= _SCAN_AGAIN * self._scanned:
             self._scanned = heard
             for _ in range(_MENDED):
                 mended = yield from search.mended(best)
                 if mended is None:
                     break
-                best = mended
-        return best
+                best = mended._replace(misplaced_m=best.misplaced_m)
+        return search, best
+
+    def _again(self, reported: Search, stamps: list[int]) -> Generator[None, None, tuple[Search, Found | None]]:
+        """The last answer, with the pings of today where they were found to be."""
+        if self._last is None:
+            return reported, None
+        if not self._last.misplaced_m:
+            return reported, (yield from reported.again(self._last))
+        unknown = np.full(2, np.nan)
+        placed = yield from join(reported, self._last, np.array([self._moves.get(stamp, unknown) for stamp in stamps]))
+        return (reported, None) if placed is None else self._keep(placed, reported, stamps)
+
+    def _moved(
+        self, reported: Search, stamps: list[int], search: Search, found: Found, enough: float
+    ) -> Generator[None, None, tuple[Search, Found]]:
+        """The search and the answer with the pings moved, where that lets the echoes agree and is needed."""
+        if not reported.coherent or len(stamps) < _MOVABLE:
+            return search, found
+        placed = yield from place(reported, found)
+        if placed is None or (found.wave is not None and placed.found.explained <= enough):
+            return search, found
+        unmoved = yield from reported.again(placed.found)
+        by_chance = _BY_CHANCE * len(stamps)
+        if unmoved is not None and unmoved.wave is not None and unmoved.value > placed.found.value - by_chance:
+            return reported, unmoved  # only the walls were off
+        return self._keep(placed, reported, stamps)
+
+    def _keep(self, placed: Placed, reported: Search, stamps: list[int]) -> tuple[Search, Found]:
+        """Where the pings are, for the next solve."""
+        self._moves = dict(zip(stamps, placed.search.data.positions - reported.data.positions, strict=True))
+        return placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
 
     def _doubted(self, search: Search, found: Found, heard: int) -> Generator[None, None, tuple[Found, Found | None]]:
         """The better of the answer and its mirror image, and the other if it is as likely.
@@ -149,6 +190,7 @@ class EvidenceSolver:
             self._doubted_at = heard
             self._other = yield from mirror_image(search, found, found.explained < EXPLAINED - search.uncertainty)
             if self._other is not None and self._other.value > found.value:
+                self._other = self._other._replace(misplaced_m=found.misplaced_m)
                 found, self._other = self._other, found
                 self._last = found
             self._cut_off = yield from is_cut_off(search, found)
@@ -157,17 +199,6 @@ class EvidenceSolver:
         if self._other is not None and self._other.value < found.value - AS_LIKELY:
             self._other = None
         return found, self._other
-
-    def _placed(self, search: Search, found: Found) -> Generator[None, None, tuple[Search, Found]]:
-        """The search and the answer with the pings moved, where that lets the echoes agree in phase and is needed."""
-        placed = yield from place(search, found)
-        if placed is None:
-            return search, found
-        unmoved = yield from search.again(placed.found)
-        by_chance = _BY_CHANCE * len(search.data.positions)
-        if unmoved is not None and unmoved.wave is not None and unmoved.value > placed.found.value - by_chance:
-            return search, unmoved  # only the walls were off
-        return placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
 
     def _conclude(
         self, snapshot: Snapshot, search: Search, found: Found, certainty: Certainty, straight: list[Caution]

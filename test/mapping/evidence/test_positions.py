@@ -1,25 +1,32 @@
 """Positions that are off: moved pings against the true ones, and what all of them share against shapely's motions."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import shapely
 from shapely import affinity
 
+from polymap_ros.acoustics.ping import Ping
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.evidence.positions import _anchored
+from polymap_ros.mapping.evidence.positions import anchored
+from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.simulation.waveforms import simulate
 
 
 def test_what_all_pings_share_is_taken_back_together_with_the_walls():
     scene = random_scene(4, 5)
     reported, generator = scene.positions, np.random.default_rng(1)
     own = 1e-3 * generator.normal(size=reported.shape)
-    offsets, lines = _anchored(reported, own, polygon_lines(scene.vertices))
+    offsets, lines = anchored(reported, own, polygon_lines(scene.vertices))
     turn, shift = 1e-3, np.array([2e-3, -1e-3])  # small, as it is linear in the turn
     moved = affinity.translate(affinity.rotate(
         shapely.MultiPoint(reported + own), turn, tuple(reported.mean(axis=0)), use_radians=True), *shift)
@@ -27,7 +34,7 @@ def test_what_all_pings_share_is_taken_back_together_with_the_walls():
         shapely.Polygon(scene.vertices), turn, tuple(reported.mean(axis=0)), use_radians=True), *shift)
     corners = np.array(room.exterior.coords)[:-1]
     places = np.array([point.coords[0] for point in moved.geoms])
-    again, back = _anchored(reported, places - reported, polygon_lines(corners))
+    again, back = anchored(reported, places - reported, polygon_lines(corners))
     np.testing.assert_allclose(again, offsets, atol=3e-6)
     np.testing.assert_allclose(half_plane_polygon(back)[0], half_plane_polygon(lines)[0], atol=3e-6)
     assert np.abs(again.mean(axis=0)).max() < 1e-12
@@ -58,3 +65,26 @@ def test_pings_are_not_said_to_be_misplaced_where_only_the_walls_were_off():
     estimate = filled_mapper(scene, Parameters()).solve()
     assert compare(estimate.polygon.vertices, scene.vertices).right
     assert estimate.cautions == ()
+
+
+@pytest.mark.parametrize('noise_m', [0.001, 0.004])
+def test_pings_that_come_later_join_those_that_were_moved_without_another_search(noise_m, monkeypatch):
+    scene = dataclasses.replace(random_scene(800, 4), position_noise_m=noise_m)
+    messages = list(zip(scene.stamps_ns.tolist(), scene.reported_poses().tolist(), simulate(scene), strict=True))
+    mapper = PolygonMapper(scene.parameters(Parameters()))
+
+    def feed(some):
+        for stamp_ns, pose, samples in some:
+            mapper.add_pose(stamp_ns, Pose(*pose))
+            mapper.add_ping(Ping(stamp_ns, samples, scene.period_s, scene.t0_s))
+
+    feed(messages[:55])
+    mapper.solve()
+    monkeypatch.setattr(Search, 'starts', lambda search: pytest.fail('searched again'))
+    for message in messages[55:]:
+        feed([message])
+        estimate = mapper.solve()
+        assert [caution.code for caution in estimate.cautions] == ['misplaced']
+        assert compare(estimate.polygon.vertices, scene.vertices).right
+        said_mm = float(estimate.cautions[0].text.split('moved by ')[1].split(' mm')[0])
+        assert said_mm == pytest.approx(1e3 * noise_m, rel=0.3)
