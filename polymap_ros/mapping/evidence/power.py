@@ -139,9 +139,10 @@ class PowerLikelihood:
     ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]] | None:
         """F with the prior of the losses, each ping's gradient (N, 3 n) of F, and the Fisher information (3 n, 3 n).
 
-        The parameters are r, theta and ln rho^2 of each wall; None where the walls bound no polygon. The decay of an
-        echo with its range is left out of the gradient, which does no harm where the model fits, and the overlap of
-        echoes out of the information.
+        The parameters are r, theta and ln rho^2 of each wall; None where the walls bound no polygon. The gradient
+        leaves out the decay of an echo with its range and that it fades at a wall's soft end (`EchoData.soft_m`), which
+        within a tenth of a millimetre of the maximum is most of what is left of it; the information leaves out the
+        overlap of echoes. A step counts only if F grows.
         """
         closed, corners = corners_of(model.lines, self.data.shortest_m)
         if not closed:

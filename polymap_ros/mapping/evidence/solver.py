@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from polymap_ros.mapping.conclusion import MIN_PINGS, straight_path
 from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
 from polymap_ros.mapping.evidence.certainty import Certainty, certainty_of
-from polymap_ros.mapping.evidence.cut_off import is_cut_off
+from polymap_ros.mapping.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.first_walls import first_walls
 from polymap_ros.mapping.evidence.mirror import AS_LIKELY, mirror_image
@@ -70,6 +70,7 @@ class EvidenceSolver:
         self._searched = self._scanned = 0  # pings at the last search, and when it tried all lines
         self._doubted_at = 0  # pings when a missing wall and a mirror image that is as likely were looked for
         self._cut_off = False
+        self._unheard: dict[int, float] = {}  # corners that no echo has been near, and how much may be missing [m]
         self._moves: dict[int, NDArray[np.float64]] = {}  # of pings that were not where the odometry says, by stamp [m]
         self._other: Found | None = None
         self._work: Generator[None, None, Estimate] | None = None
@@ -194,6 +195,7 @@ class EvidenceSolver:
                 found, self._other = self._other, found
                 self._last = found
             self._cut_off = yield from is_cut_off(search, found)
+            self._unheard = yield from unheard_corners(search, found)
         elif self._other is not None:
             self._other = yield from search.again(self._other)
         if self._other is not None and self._other.value < found.value - AS_LIKELY:
@@ -222,6 +224,11 @@ class EvidenceSolver:
         weak = [k for k, edge in enumerate(candidate.edges) if edge.likelihood < CERTAIN]
         if weak:
             cautions.append(Caution('weak_edge', f'the evidence for edge {", ".join(map(str, weak))} is weak'))
+        if self._unheard:
+            where = ', '.join(f'{corner} (up to {1e3 * depth:.0f} mm of it)'
+                              for corner, depth in sorted(self._unheard.items()))
+            cautions.append(Caution('unheard_corner', 'no echo has been near corner '
+                                    f'{where}: a wall that cuts it off would not have been heard'))
         if found.explained < EXPLAINED - search.uncertainty:
             most = self._parameters.solver.max_edges
             cause = ('the outline may not be convex, or something else reflects' if len(found.lines) < most else

@@ -14,7 +14,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.doubtful_scenes import KINDS
-from polymap_ros.simulation.random_scenes import air_filled, random_scene
+from polymap_ros.simulation.random_scenes import Recipe, air_filled, random_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs
 from polymap_ros.simulation.waveforms import simulate
@@ -185,3 +185,23 @@ def test_an_edge_that_brings_next_to_nothing_is_weak(hexagon, listen, monkeypatc
     estimate = listen(scene, samples).solve()
     assert codes(estimate) == ['weak_edge']
     assert all(edge.likelihood < 0.01 for edge in estimate.polygon.edges)
+
+
+@pytest.mark.parametrize('seed', [4, 12])
+def test_a_tip_that_no_echo_comes_from_is_not_vouched_for(seed, listen):
+    """Cut off askew by 5 cm, it gives the same echoes, of five orders, as whole: the answer is one of the two."""
+    whole = random_scene(seed, 3, Recipe(shape='needle'))
+    sides = np.roll(whole.vertices, -1, axis=0) - whole.vertices
+    tip = int(np.argmax([a @ b / np.linalg.norm(a) / np.linalg.norm(b)
+                         for a, b in zip(sides, -np.roll(sides, 1, axis=0), strict=True)]))
+    one, other = sides[tip] / np.linalg.norm(sides[tip]), -sides[tip - 1] / np.linalg.norm(sides[tip - 1])
+    ends = whole.vertices[tip] + 0.05 / np.linalg.norm(other - 2.0 * one) * np.array([other, 2.0 * one])
+    cut = dataclasses.replace(whole, reflection=1.0, vertices=np.vstack((
+        whole.vertices[:tip], ends, whole.vertices[tip + 1:])))
+    for scene in (whole, cut):
+        estimate = listen(scene).solve()
+        assert estimate.status == 'closed'
+        assert codes(estimate) == ['unheard_corner']
+        corner, up_to_mm = estimate.cautions[0].text.split('corner ')[1].split(' mm')[0].split(' (up to ')
+        assert np.linalg.norm(whole.vertices[tip] - estimate.polygon.vertices[int(corner)]) < 0.01
+        assert float(up_to_mm) > 30.0
