@@ -47,8 +47,9 @@ def kernel(function: F) -> F:
     try:
         compiled = numba.njit(nogil=True, cache=True)(function)
     except RuntimeError:
+        # Told once, as all kernels come from this line.
         warnings.warn('no folder for numba to keep compiled code in (NUMBA_CACHE_DIR, or below HOME): polymap_ros is '
-                      'compiled anew in every process', RuntimeWarning, stacklevel=2)
+                      'compiled anew in every process', RuntimeWarning, stacklevel=1)
         compiled = numba.njit(nogil=True)(function)
     _stamp_with_callees(compiled, function)
     return compiled

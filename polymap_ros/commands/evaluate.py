@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
@@ -293,3 +294,7 @@ def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict
     PartialRows(folder).discard()
     console.tell(table)
     console.tell(f'\n{folder}: {", ".join(("results.csv", "table.md", *pictures))}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

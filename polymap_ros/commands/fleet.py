@@ -1,8 +1,10 @@
 """Many jobs at once that each end in a status: on the cores of this machine, or on a Dask cluster."""
 
+import logging
 import os
 import signal
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from types import FrameType
@@ -44,11 +46,11 @@ def run_all(program: str, job: Callable[..., int], jobs: Jobs, processes: int, s
     over = _on_cluster(job, jobs, scheduler) if scheduler else _here(job, jobs, processes)
     with closing(over), console.progress(f'{UNIT}s', len(jobs), UNIT) as advance:
         for number, future in over:
-            if error := future.exception():
+            try:
+                done = future.result()
+            except (CancelledError, Exception) as error:
                 text = f'{program}: error: {jobs[number][0]}: {_reason(error)}'
                 done = Done(console.WRONG, console.Said(err=[' '.join(text.split())]))
-            else:
-                done = future.result()
             console.repeat(done.said)
             status = max(status, done.status)
             advance(1)
@@ -57,6 +59,8 @@ def run_all(program: str, job: Callable[..., int], jobs: Jobs, processes: int, s
 
 def _reason(error: BaseException) -> str:
     """Why there is no result."""
+    if isinstance(error, CancelledError):
+        return 'the scheduler was lost before it was done'
     if isinstance(error, BrokenProcessPool) or type(error).__name__ == 'KilledWorker':
         return 'the process that worked on it ended abruptly, as where memory runs out'
     return f'{type(error).__name__}: {error}'
@@ -65,19 +69,22 @@ def _reason(error: BaseException) -> str:
 def _here(job: Callable[..., int], jobs: Jobs, processes: int) -> Futures:
     """In processes of this machine.
 
-    Where one of them ends abruptly, all jobs under way are lost with it; they are done again, each in a process of its
-    own, one after the other.
+    Where one of them ends abruptly, all jobs that are not over are lost with it. They are done again, those under way
+    last; what is lost a second time, each in a process of its own, one after the other.
     """
     from polymap_ros.evaluation.parallel import job_futures
 
-    lost = []
-    with closing(job_futures(_in_process, [(job, *each) for each in jobs], processes)) as futures:
-        for number, future in futures:
-            if isinstance(future.exception(), BrokenProcessPool):
-                lost.append(number)
-            else:
-                yield number, future
-    for number in lost:
+    left = list(range(len(jobs)))
+    for _ in range(2):
+        lost = []
+        with closing(job_futures(_in_process, [(job, *jobs[number]) for number in left], processes)) as futures:
+            for index, future in futures:
+                if isinstance(future.exception(), BrokenProcessPool):
+                    lost.append(left[index])
+                else:
+                    yield left[index], future
+        left = sorted(lost, reverse=True)
+    for number in sorted(left):
         with closing(job_futures(_in_process, [(job, *jobs[number])], 1)) as futures:
             for _, future in futures:
                 yield number, future
@@ -99,6 +106,9 @@ def _client(address: str) -> 'Client':
         from distributed import Client
     except ImportError:
         raise UsageError("--scheduler needs Dask: pip install 'polymap_ros[fleet]'") from None
+    for name in logging.root.manager.loggerDict:
+        if name.startswith('distributed'):  # its errors come back with the jobs, and are told then
+            logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         client = Client(address, timeout=WAIT_S)
     except (OSError, TimeoutError, ValueError) as error:

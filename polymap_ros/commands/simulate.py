@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -130,3 +131,7 @@ def _changed_parameters(scene: 'Scene') -> str:
     if 'pulse.path' in changed:
         changed['pulse.path'] = PULSE_NAME
     return yaml.safe_dump({NODE_NAME: {'ros__parameters': changed}}) if changed else ''
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -116,7 +116,7 @@ def test_a_cluster_that_is_not_there_is_one_line(call, triangle, monkeypatch):
 
 @pytest.fixture
 def cluster(tmp_path):
-    """A scheduler with two workers of one thread, all processes of their own; its address, and the workers."""
+    """A scheduler with two workers of one thread, all processes of their own; its address, and them."""
     pytest.importorskip('distributed')
     file = tmp_path / 'scheduler.json'
     started = []
@@ -128,21 +128,21 @@ def cluster(tmp_path):
                 stderr=subprocess.STDOUT, env={**os.environ, **ONE_THREAD}))
         return started[-1]
 
-    begin('scheduler', '--host', '127.0.0.1', '--port', '0', '--no-dashboard')
+    scheduler = begin('scheduler', '--host', '127.0.0.1', '--port', '0', '--no-dashboard')
     workers = [begin('worker', '--nthreads', '1', '--no-nanny', '--no-dashboard', '--host', '127.0.0.1')
                for _ in range(2)]
     from distributed import Client
 
     with Client(scheduler_file=str(file), timeout=60.0, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=60.0)
-    yield json.loads(file.read_text())['address'], workers
+    yield json.loads(file.read_text())['address'], workers, scheduler
     for process in started:
         process.kill()
         process.wait()
 
 
 def test_every_recording_has_its_result_though_a_worker_is_killed(start, run, cluster, copies, triangle, tmp_path):
-    address, workers = cluster
+    address, workers, _ = cluster
     recordings = copies(5)
     process = start('replay', *(path.relative_to(tmp_path) for path in recordings), 'missing.mcap', '--output', 'out',
                     '--save-map', '--scheduler', address)
@@ -157,3 +157,17 @@ def test_every_recording_has_its_result_though_a_worker_is_killed(start, run, cl
     assert run('replay', triangle, '--output', 'single', '--save-map').status == 0
     for path in recordings:
         assert different(tmp_path / 'out' / path.stem, tmp_path / 'single') == []
+
+
+def test_a_scheduler_that_is_lost_on_the_way_is_a_line_for_each_recording(start, cluster, copies):
+    address, _, scheduler = cluster
+    process = start('replay', *copies(5), '--output', 'out', '--scheduler', address)
+    first = process.stdout.readline()
+    assert first, process.stderr.read()
+    scheduler.kill()
+    err = process.communicate(timeout=120)[1].decode()
+    assert 'Traceback' not in err
+    complaints = [line for line in err.replace('\r', '\n').splitlines() if line.startswith('polymap_')]
+    assert process.returncode == 2, err
+    assert complaints
+    assert all(line.endswith('the scheduler was lost before it was done') for line in complaints)
