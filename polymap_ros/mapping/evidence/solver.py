@@ -129,7 +129,7 @@ class EvidenceSolver:
         """
         enough = EXPLAINED + _MARGIN - reported.uncertainty / 3.0
         search, best = yield from self._again(reported, stamps)
-        if heard < _SEARCH_AGAIN * self._searched or (best is not None and best.explained > enough):
+        if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best
         self._searched = heard
         tried = None  # with its pings moved
@@ -138,10 +138,11 @@ class EvidenceSolver:
             found = None if start is None else (yield from reported.polygon(start))
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
-            if number in _MOVES_AFTER and best is not None and best is not tried and best.explained <= enough:
+            due = number in _MOVES_AFTER and best is not tried
+            if best is not None and due and not _explains(reported, best, enough):
                 search, best = yield from self._moved(reported, stamps, search, best, enough)
                 tried = best
-            if best is not None and best.explained > enough:
+            if _explains(reported, best, enough):
                 return search, best
         if best is not None and heard >= _SCAN_AGAIN * self._scanned:
             self._scanned = heard
@@ -257,6 +258,11 @@ class EvidenceSolver:
         if np.max(away) > search.data.range_max_m:
             return f'a corner is {np.max(away):.3g} m away from every ping, beyond what can be heard'
         return ''
+
+
+def _explains(search: Search, found: Found | None, enough: float) -> bool:
+    """Whether an answer explains so much of the echoes, in phase where they have one."""
+    return found is not None and found.explained > enough and (found.wave is not None or not search.coherent)
 
 
 def search_of(evidence: Evidence, parameters: Parameters) -> Search:
