@@ -251,7 +251,7 @@ def test_saved_map_is_continued_as_if_nothing_had_happened(peer, start, tmp_path
     start('--ros-args', *options, '-p', f'output.load_path:={first}/state.npz')
     polygons = peer.listen('/polymap_node/polygon', POLYGON)
     peer.spin_until(lambda: polygons, 'the polygon of the loaded map')
-    ride = riding()
+    values, ride = peer.diagnostics(), riding()  # not what the first node said last
     ride.publish(10, 20)
     peer.until_used(values, 20)
     again = peer.call('/polymap_node/save', TRIGGER).message
