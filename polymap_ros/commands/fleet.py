@@ -48,7 +48,7 @@ def run_all(program: str, job: Callable[..., int], jobs: Jobs, processes: int, s
         for number, future in over:
             try:
                 done = future.result()
-            except (CancelledError, Exception) as error:
+            except Exception as error:  # whatever a job ended with
                 text = f'{program}: error: {jobs[number][0]}: {_reason(error)}'
                 done = Done(console.WRONG, console.Said(err=[' '.join(text.split())]))
             console.repeat(done.said)
@@ -57,10 +57,10 @@ def run_all(program: str, job: Callable[..., int], jobs: Jobs, processes: int, s
     return status
 
 
-def _reason(error: BaseException) -> str:
+def _reason(error: Exception) -> str:
     """Why there is no result."""
-    if isinstance(error, CancelledError):
-        return 'the scheduler was lost before it was done'
+    if isinstance(error, CancelledError) or type(error).__name__ == 'CommClosedError':
+        return 'the scheduler was lost before it told how this ended'
     if isinstance(error, BrokenProcessPool) or type(error).__name__ == 'KilledWorker':
         return 'the process that worked on it ended abruptly, as where memory runs out'
     return f'{type(error).__name__}: {error}'
