@@ -61,8 +61,7 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
     doubt = np.clip((found.explained + search.uncertainty) / _TRUSTED, 0.0, 1.0)
     if search.coherent and found.wave is None:
         doubt *= _OUT_OF_PHASE
-    reflection = np.exp(0.5 * found.model.loss) if found.wave is None else np.abs(found.wave.reflection)
-    silent = reflection < _SILENT
+    silent = np.abs(found.reflection) < _SILENT
     covariance = _covariance(search, found)
     vague = np.sqrt(np.diag(covariance)[::2]) > 0.5 * search.data.pulse.width_m
     unsupported = int(np.sum((bounding & (losses < PRICE)) | silent))

@@ -16,7 +16,6 @@ from polymap_ros.mapping.evidence.search import FULL_ORDER, Found, Search
 _SHARES = (0.15, 0.3, 0.6)
 """Shares of the shorter edge that a silent wall is tried to take away at a corner: what is cut off need not fit."""
 
-
 _LEAST_CUT, _LEAST_SHARE, _LARGER = 2.5, 0.03, 2.0
 """The shortest wall across a corner that is asked for, in pulse widths (shorter ones are a limit of the method) and as
 a share of the polygon's extent, and the factor from one to the next longer one."""
@@ -28,9 +27,8 @@ def is_cut_off(search: Search, found: Found) -> Generator[None, None, bool]:
     Orders up to `SEARCH_ORDER` tell first which cuts take away what was heard; what is missing may be of higher order.
     """
     prices = (SEARCH_ORDER, -1.0), (FULL_ORDER, PRICE)
-    reflection = np.exp(0.5 * found.model.loss) if found.wave is None else found.wave.reflection
-    least = [_value(search, found, found.lines, reflection, order) + price for order, price in prices]
-    for lines, reflected in _cuts(search, found.lines, reflection):
+    least = [_value(search, found, found.lines, found.reflection, order) + price for order, price in prices]
+    for lines, reflected in _cuts(search, found):
         yield
         if all(_value(search, found, lines, reflected, order) > value
                for (order, _), value in zip(prices, least, strict=True)):
@@ -44,8 +42,7 @@ def unheard_corners(search: Search, found: Found) -> Generator[None, None, dict[
     Corner i is between walls i - 1 and i. A silent wall across it takes nothing away that was heard, and one that
     reflects may send its echoes elsewhere: nothing tells the corner from such a wall.
     """
-    reflection = np.exp(0.5 * found.model.loss) if found.wave is None else found.wave.reflection
-    least = _value(search, found, found.lines, reflection, FULL_ORDER) - PRICE
+    least = _value(search, found, found.lines, found.reflection, FULL_ORDER) - PRICE
     _, corners = corners_of(found.lines)
     turn = np.mod(found.lines[:, 1] - np.roll(found.lines[:, 1], 1), 2.0 * np.pi)
     unheard: dict[int, float] = {}
@@ -56,7 +53,7 @@ def unheard_corners(search: Search, found: Found) -> Generator[None, None, dict[
         lines = across_corners(found.lines[:, 1], corners, 0.5, depth)
         for corner in sorted(asked):
             yield
-            cut, reflected = _with_silent(found.lines, reflection, lines[corner])
+            cut, reflected = _with_silent(found, lines[corner])
             if _is_beyond(search, lines[corner]) and _value(search, found, cut, reflected, FULL_ORDER) > least:
                 unheard[corner] = float(depth[corner])
             else:
@@ -76,10 +73,9 @@ def _value(
     return -np.inf if wave is None else wave.value
 
 
-def _cuts(
-    search: Search, walls: NDArray[np.float64], reflection: NDArray[np.float64]
-) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def _cuts(search: Search, found: Found) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Lines and reflection coefficients with a silent wall across a corner, beyond all pings."""
+    walls = found.lines
     _, corners = corners_of(walls)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     turn = np.mod(walls[:, 1] - np.roll(walls[:, 1], 1), 2.0 * np.pi)
@@ -87,7 +83,7 @@ def _cuts(
     for share in _SHARES:
         for r, theta in across_corners(walls[:, 1], corners, 0.5, share * depth):
             if _is_beyond(search, (r, theta)):
-                yield _with_silent(walls, reflection, (r, theta))
+                yield _with_silent(found, (r, theta))
 
 
 def _is_beyond(search: Search, line: Sequence[float]) -> bool:
@@ -95,10 +91,8 @@ def _is_beyond(search: Search, line: Sequence[float]) -> bool:
     return bool(line[0] > np.max(search.data.positions @ (np.cos(line[1]), np.sin(line[1]))))
 
 
-def _with_silent(
-    walls: NDArray[np.float64], reflection: NDArray[np.float64], line: Sequence[float]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _with_silent(found: Found, line: Sequence[float]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Lines, sorted by theta, and reflection coefficients with a wall more that reflects nothing."""
-    lines = np.vstack((walls, line))
+    lines = np.vstack((found.lines, line))
     order = np.argsort(lines[:, 1], kind='stable')
-    return np.ascontiguousarray(lines[order]), np.append(reflection, 0.0)[order]
+    return np.ascontiguousarray(lines[order]), np.append(found.reflection, 0.0)[order]

@@ -5,6 +5,7 @@ ping hears tens of echoes, far more than the two numbers that its error has. So 
 explain it best, by power as long as there is no phase, and by its waveform then, and the walls are refined in turns. A
 Gaussian prior about the reported positions has the deviation of the errors found. What all pings share, a shift and a
 turn, is the odometry's to tell: pings and walls are turned and shifted back until no such part of the moves is left.
+Later pings join those that were moved: they alone are looked for, and the walls refined.
 """
 
 import dataclasses

@@ -71,6 +71,11 @@ class Found(NamedTuple):
         """r [m] and theta [rad] of the edges, sorted by theta."""
         return self.model.lines if self.wave is None else self.wave.lines
 
+    @property
+    def reflection(self) -> NDArray[np.float64]:
+        """Reflection coefficients of the edges, signed where there is phase."""
+        return np.exp(0.5 * self.model.loss) if self.wave is None else self.wave.reflection
+
     def moved_to(self, lines: NDArray[np.float64]) -> 'Found':
         """The same walls on other lines, not judged anew."""
         return self._replace(model=dataclasses.replace(self.model, lines=lines),

@@ -157,7 +157,7 @@ class EvidenceSolver:
         """The last answer, with the pings of today where they were found to be."""
         if self._last is None:
             return reported, None
-        if not self._last.misplaced_m:
+        if not self._last.misplaced_m or self._last.wave is None:
             return reported, (yield from reported.again(self._last))
         unknown = np.full(2, np.nan)
         placed = yield from join(reported, self._last, np.array([self._moves.get(stamp, unknown) for stamp in stamps]))

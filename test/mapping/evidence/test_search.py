@@ -156,3 +156,15 @@ def test_without_phase_no_edge_is_certain_that_should_have_one():
     assert np.all(finished(certainty_of(search, by_power)).likelihood < CERTAIN)
     search.coherent = False  # magnitudes
     assert np.all(finished(certainty_of(search, by_power)).likelihood > 0.99)
+
+
+def test_an_edge_whose_r_is_vague_is_not_certain():
+    """The same waveform, as if its echoes told a millionth of what they do about one wall."""
+    search, truth = in_room(random_scene(120, 5))
+    found = judged(search, truth)
+    share = np.where(np.arange(15) // 3 == 2, 1e-3, 1.0)
+    vague = found._replace(wave=dataclasses.replace(
+        found.wave, information=found.wave.information * np.outer(share, share), scores=found.wave.scores * share))
+    sure = finished(certainty_of(search, vague))
+    assert np.sqrt(sure.covariance[4, 4]) > search.data.pulse.width_m / 2.0
+    np.testing.assert_array_equal(sure.likelihood < CERTAIN, np.arange(5) == 2)
