@@ -254,7 +254,6 @@ def cpu_table(rows: list[dict[str, Any]]) -> str:
     for row in rows:
         rounds.setdefault(row['node'], []).append(row)
     references = next(iter(rounds.values()))
-
     for node, own in rounds.items():
         each = (f'{statistics.median(row[name] for row in own):.0f} us, '
                 f'{statistics.median(row[name] / first[name] for row, first in zip(own, references, strict=True)):.2f}x'

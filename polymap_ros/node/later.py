@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable
-from functools import partial
 
 from rclpy.node import Node
 
@@ -33,10 +32,6 @@ class Later:
         with self._lock:
             self._jobs[name] = self._stopwatch.timed(name, job)
         self._wake.trigger()
-
-    def named(self, name: str, job: Callable[[], None]) -> Callable[[], None]:
-        """A call that asks for the job."""
-        return partial(self, name, job)
 
     def _do_next(self) -> None:
         with self._lock:

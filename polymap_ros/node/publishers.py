@@ -82,7 +82,7 @@ class Outputs:
         self._map = Latched(node, 'map', 'nav_msgs/msg/OccupancyGrid')
         self._mapped_pings = 0
         self._due: deque[Callable[[], None]] = deque()
-        self._publish_soon = later.named('output', self._publish_next)
+        self._publish_soon = partial(later, 'output', self._publish_next)
 
     def drawn(self, twin: PolygonMapper) -> list[Ready]:
         """The messages of a twin's estimate; in any thread."""

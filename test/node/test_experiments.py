@@ -63,6 +63,11 @@ def test_cpu_of_the_node_that_only_subscribes():
     stream = Stream(50.0, 10.0, 2048)
     row = cpu_of('polymap_ros.node.reference', [], stream, 1.0, stream.pings())
     assert 0.0 <= row['idle_share'] < row['share'] < 1.0
-    lines = cpu_table([{'node': 'one', **row}, {'node': 'other', **row, 'ping_us': 3.0 * row['ping_us']}]).splitlines()
+    # The third round is twice as slow for both; the ratios of the other node are 3, 5 and 2.
+    lines = cpu_table([each for factor, slow in ((3.0, 1.0), (5.0, 1.0), (2.0, 2.0)) for each in (
+        {'node': 'one', **row, 'ping_us': 100.0 * slow},
+        {'node': 'other', **row, 'ping_us': 100.0 * slow * factor})]).splitlines()
+    assert len(lines) == 4
     assert lines[2].count('1.00x') == 2
-    assert '3.00x' in lines[3]
+    assert '| 100 us, 1.00x |' in lines[2]
+    assert '| 400 us, 3.00x |' in lines[3]
