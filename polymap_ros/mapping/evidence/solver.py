@@ -114,7 +114,7 @@ class EvidenceSolver:
         certainty = yield from certainty_of(search, found)
         if straight and (min(certainty.likelihood) < CERTAIN or self._gap(search, certainty, found)):
             return _open(snapshot, evidence, straight)
-        answer = self._conclude(snapshot, search, found, certainty, straight)
+        answer = self._conclude(snapshot, evidence, search, found, certainty, straight)
         if answer.polygon is None or other is None:
             return answer
         second = polygon_of(other, (yield from certainty_of(search, other)), search.data.positions)
@@ -190,7 +190,7 @@ class EvidenceSolver:
         """
         if self._searched > self._doubted_at or heard >= _SEARCH_AGAIN * self._doubted_at:
             self._doubted_at = heard
-            self._other = yield from mirror_image(search, found, found.explained < EXPLAINED - search.uncertainty)
+            self._other = yield from mirror_image(search, found, _leaves_much(search, found))
             if self._other is not None and self._other.value > found.value:
                 self._other = self._other._replace(misplaced_m=found.misplaced_m)
                 found, self._other = self._other, found
@@ -204,7 +204,8 @@ class EvidenceSolver:
         return found, self._other
 
     def _conclude(
-        self, snapshot: Snapshot, search: Search, found: Found, certainty: Certainty, straight: list[Caution]
+        self, snapshot: Snapshot, evidence: Evidence, search: Search, found: Found, certainty: Certainty,
+        straight: list[Caution],
     ) -> Estimate:
         candidate = polygon_of(found, certainty, search.data.positions)
         cautions = straight + self._cautions(search, found, candidate)
@@ -215,6 +216,8 @@ class EvidenceSolver:
             cautions.insert(0, Caution('not_closed', reason))
             walls = tuple(edge for edge, silent in zip(candidate.edges, certainty.silent, strict=True)
                           if edge.likelihood >= CERTAIN and not silent)
+            if _leaves_much(search, found):  # and then a wall that is not there may be part of it
+                walls = _proven_by_first_echoes(snapshot, evidence, straight)
             return Estimate('open', 'evidence', snapshot.stamp_ns, cost=-found.value, walls=walls,
                             cautions=tuple(cautions))
         return Estimate('closed', 'evidence', snapshot.stamp_ns, candidate, cost=-found.value,
@@ -230,7 +233,7 @@ class EvidenceSolver:
                               for corner, depth in sorted(self._unheard.items()))
             cautions.append(Caution('unheard_corner', 'no echo has been near corner '
                                     f'{where}: a wall that cuts it off would not have been heard'))
-        if found.explained < EXPLAINED - search.uncertainty:
+        if _leaves_much(search, found):
             most = self._parameters.solver.max_edges
             cause = ('the outline may not be convex, or something else reflects' if len(found.lines) < most else
                      f'it has all the edges that solver.max_edges allows ({most})')
@@ -265,6 +268,11 @@ def _explains(search: Search, found: Found | None, enough: float) -> bool:
     return found is not None and found.explained > enough and (found.wave is not None or not search.coherent)
 
 
+def _leaves_much(search: Search, found: Found) -> bool:
+    """Whether strong echoes are left unexplained."""
+    return found.explained < EXPLAINED - search.uncertainty
+
+
 def search_of(evidence: Evidence, parameters: Parameters) -> Search:
     """A search over the pings whose echoes are kept."""
     assert evidence.pulse is not None, 'the mapper knows its pulse'
@@ -294,16 +302,20 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
 
 
 def _open(snapshot: Snapshot, evidence: Evidence, straight: list[Caution]) -> Estimate:
-    """The walls that first echoes prove."""
+    walls = _proven_by_first_echoes(snapshot, evidence, straight)
+    caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
+    return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls, cautions=(*straight, caution))
+
+
+def _proven_by_first_echoes(snapshot: Snapshot, evidence: Evidence, straight: list[Caution]) -> tuple[Edge, ...]:
+    """The walls that first echoes prove, whatever polygon the others may be of."""
     heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
     assert evidence.pulse is not None, 'the mapper knows its pulse'
     walls = first_walls(np.array([(sounding.x, sounding.y) for sounding in heard]),
                         np.array([sounding.rho for sounding in heard]), evidence.pulse.width_m)
     middle, along = path_axis(snapshot.positions)
-    walls = tuple(wall for wall in walls
-                  if wall.likelihood >= CERTAIN and not (straight and _has_two_sides(wall, middle, along)))
-    caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
-    return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls, cautions=(*straight, caution))
+    return tuple(wall for wall in walls
+                 if wall.likelihood >= CERTAIN and not (straight and _has_two_sides(wall, middle, along)))
 
 
 def _has_two_sides(wall: Edge, middle: NDArray[np.float64], along: NDArray[np.float64]) -> bool:
