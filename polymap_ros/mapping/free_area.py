@@ -95,7 +95,7 @@ class FreeArea:
         discs = np.asarray(state['discs'], float)
         try:
             united = shapely.from_wkb(np.asarray(state['united'], np.uint8).tobytes())
-        except shapely.errors.ShapelyError as error:
+        except (shapely.errors.ShapelyError, NotImplementedError) as error:  # the latter for arcs, which GEOS may know
             raise StateError(f'the free area cannot be read: {error}') from error
         sound = united.geom_type in ('Polygon', 'MultiPolygon') and united.is_valid
         if not sound or discs.ndim != 2 or discs.shape[1] != 3 or not np.all(np.isfinite(discs)):

@@ -19,6 +19,9 @@ _ENCODINGS = {'ros2msg': 'msg', 'ros2idl': 'idl'}
 _COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
             'messages': {'id', 'topic_id', 'timestamp', 'data'}}
 
+_UNREADABLE = sqlite3.Error, MemoryError
+"""SQLite says that it has no memory where a damaged page asks for more than it may have."""
+
 
 class SqliteFile:
     """An open database; a `polymap_ros.recordings.storage.StoredFile`.
@@ -45,7 +48,7 @@ class SqliteFile:
             self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
             self._database.execute('PRAGMA trusted_schema = OFF')
             self._survey()
-        except sqlite3.Error as error:
+        except _UNREADABLE as error:
             self.close()
             raise RecordingError(f'{path}: cannot be read: {error}') from error
         except BaseException:
@@ -82,7 +85,7 @@ class SqliteFile:
                 sound = isinstance(log_ns, int) and isinstance(data, bytes)
                 if sound and number in wanted and start_ns <= log_ns < end_ns:
                     yield RawMessage(log_ns, wanted[number].topic, wanted[number].type_name, data)
-        except sqlite3.Error as error:
+        except _UNREADABLE as error:
             fault = f'{self.path.name} cannot be read to its end: {error}'
             self.faults += [fault] if fault not in self.faults else []
 
@@ -118,7 +121,7 @@ class SqliteFile:
     def _is_sound(self) -> bool:
         try:
             return bool(self._database.execute('PRAGMA quick_check(1)').fetchone() == ('ok',))
-        except sqlite3.DatabaseError as error:
+        except _UNREADABLE as error:
             if 'not a database' in str(error):
                 raise
             self._database.execute('PRAGMA writable_schema = ON')  # opens what is shorter than its header says
@@ -126,7 +129,7 @@ class SqliteFile:
 
     def _read_topics(self) -> dict[int, Channel]:
         definitions: dict[str, tuple[str, str]] = {}
-        with suppress(sqlite3.Error):  # databases older than Iron have no definitions
+        with suppress(*_UNREADABLE):  # databases older than Iron have no definitions
             for name, encoding, text in self._database.execute(
                     'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'):
                 definitions[str(name)] = str(text), _ENCODINGS.get(str(encoding), '')
@@ -138,7 +141,7 @@ class SqliteFile:
         """Log time, topic and id of the messages that can be reached from either end of a damaged table."""
         found: set[tuple[int, int, int]] = set()
         for direction in ('ASC', 'DESC'):
-            with suppress(sqlite3.Error):
+            with suppress(*_UNREADABLE):
                 for log_ns, number, row in self._database.execute(
                         f'SELECT timestamp, topic_id, id FROM messages NOT INDEXED ORDER BY id {direction}'):
                     if isinstance(log_ns, int) and isinstance(number, int):
@@ -149,7 +152,7 @@ class SqliteFile:
         for log_ns, number, row in rows:
             try:
                 found = self._database.execute('SELECT data FROM messages WHERE id = ?', (row,)).fetchone()
-            except sqlite3.Error:
+            except _UNREADABLE:
                 continue  # counted: fewer messages are found than announced
             if found is not None:
                 yield number, log_ns, found[0]

@@ -176,7 +176,7 @@ def test_lidar_cloud_is_refused_with_its_fields(make, header):
 
 @pytest.mark.parametrize('changes', [
     {'height': 2}, {'point_step': 3}, {'row_step': 19}, {'width': 6}, {'data': np.zeros(19, np.uint8)},
-    {'width': 0}, {'row_step': 2**31},
+    {'width': 0}, {'row_step': 2**31}, {'width': 0, 'row_step': 0, 'data': np.zeros(3, np.uint8)},
 ])
 def test_cloud_whose_sizes_do_not_fit_is_refused(make, header, changes):
     echo = EchoParameters(type=CLOUD, sample_period_s=1e-6)

@@ -1,6 +1,7 @@
 """What can be rescued from a damaged recording is, and what is missing is said; the rest is refused in one line."""
 
 import sqlite3
+from contextlib import closing
 from contextlib import suppress
 
 import numpy as np
@@ -12,6 +13,7 @@ from mcap.writer import CompressionType
 
 from polymap_ros.errors import RecordingError
 from polymap_ros.recordings.reading import Recording
+from polymap_ros.recordings.storage import MOST_BYTES
 
 TOPICS = ['/odom', '/echo']
 
@@ -192,6 +194,22 @@ def test_of_a_database_with_damaged_pages_the_sound_ones_are_rescued(database, t
     assert 0 < len(found) < len(told)
     assert set(found) <= set(told)
     assert found == sorted(found, key=lambda each: each[1])
+    assert 'messages are on sound pages' in cautions[0].text
+
+
+def test_a_row_said_to_be_larger_than_memory_costs_itself_and_those_after_it(database, told):
+    content = bytearray(database.read_bytes())
+    page = int.from_bytes(content[16:18], 'big')
+    leaf = next(start for start in range(page, len(content), page)
+                if content[start] == 13 and int.from_bytes(content[start + 3:start + 5], 'big') > 3)
+    cell = leaf + int.from_bytes(content[leaf + 10:leaf + 12], 'big')
+    content[cell:cell + 17] = bytes.fromhex(14 * 'ff' + '3e855a')  # its length, its id, and its columns'
+    database.write_bytes(content)
+    with closing(sqlite3.connect(database)) as connection, pytest.raises(MemoryError):
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
+        connection.execute('SELECT timestamp FROM messages NOT INDEXED').fetchall()
+    found, cautions = read(database)
+    assert set(found) < set(told)
     assert 'messages are on sound pages' in cautions[0].text
 
 
