@@ -106,7 +106,8 @@ def _column(message: Any, name: str) -> NDArray[Any] | None:
     data, width, step = _bytes(message.data), int(message.width), int(message.point_step)
     if message.height != 1:
         raise BadPing('bad_shape', f'the cloud has height {message.height}; an A-scan has 1 and width = samples')
-    if field.offset + dtype.itemsize > min(step, data.size) or width * step > message.row_step or message.row_step > data.size:
+    sizes = width * step <= message.row_step <= data.size
+    if field.offset + dtype.itemsize > min(step, data.size) or not sizes:
         raise BadPing('bad_shape', f'field {name} at offset {field.offset} with point_step {step}, row_step '
                                    f'{message.row_step} and width {width} does not fit {data.size} bytes')
     return np.ndarray((width,), dtype, data, int(field.offset), (step,))

@@ -19,8 +19,9 @@ _ENCODINGS = {'ros2msg': 'msg', 'ros2idl': 'idl'}
 _COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
             'messages': {'id', 'topic_id', 'timestamp', 'data'}}
 
-_UNREADABLE = sqlite3.Error, MemoryError
-"""SQLite says that it has no memory where a damaged page asks for more than it may have."""
+_UNREADABLE = sqlite3.Error, MemoryError, UnicodeDecodeError
+"""SQLite says that it has no memory where a damaged page asks for more than it may have, and a message of an error may
+quote a damaged name."""
 
 
 class SqliteFile:

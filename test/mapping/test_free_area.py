@@ -83,7 +83,8 @@ def test_a_restored_area_goes_on_bit_by_bit(cut):
 
 
 @pytest.mark.parametrize('change', [
-    {'united': np.array([1, 2, 3], np.uint8)}, {'united': np.array([1, 8, 0, 0, 0, 0, 0, 0, 0], np.uint8)},  # arcs: none
+    {'united': np.array([1, 2, 3], np.uint8)},
+    {'united': np.array([1, 8, 0, 0, 0, 0, 0, 0, 0], np.uint8)},  # arcs: none
     {'united': np.frombuffer(shapely.to_wkb(shapely.Point(0, 0)), np.uint8)},
     {'united': np.frombuffer(shapely.to_wkb(shapely.Polygon([(0, 0), (1, 1), (1, 0), (0, 1)])), np.uint8)},
     {'discs': np.zeros((2, 2))}, {'discs': np.full((1, 3), np.inf)},

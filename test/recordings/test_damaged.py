@@ -1,8 +1,7 @@
 """What can be rescued from a damaged recording is, and what is missing is said; the rest is refused in one line."""
 
 import sqlite3
-from contextlib import closing
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import numpy as np
 import pytest
@@ -205,12 +204,25 @@ def test_a_row_said_to_be_larger_than_memory_costs_itself_and_those_after_it(dat
     cell = leaf + int.from_bytes(content[leaf + 10:leaf + 12], 'big')
     content[cell:cell + 17] = bytes.fromhex(14 * 'ff' + '3e855a')  # its length, its id, and its columns'
     database.write_bytes(content)
-    with closing(sqlite3.connect(database)) as connection, pytest.raises(MemoryError):
+    with closing(sqlite3.connect(database)) as connection:
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_BYTES)
-        connection.execute('SELECT timestamp FROM messages NOT INDEXED').fetchall()
+        with pytest.raises(MemoryError):
+            connection.execute('SELECT timestamp FROM messages NOT INDEXED').fetchall()
     found, cautions = read(database)
     assert set(found) < set(told)
     assert 'messages are on sound pages' in cautions[0].text
+
+
+def test_a_schema_whose_names_are_no_text_is_refused(database):
+    content = database.read_bytes()
+    damaged = content.replace(b'tablemessagesmessages', b'table\x86essagesmessages').replace(
+        b'CREATE TABLE messages', b'CREATE XABLE messages')
+    assert damaged != content
+    database.write_bytes(damaged)
+    with closing(sqlite3.connect(database)) as connection, pytest.raises((sqlite3.Error, UnicodeDecodeError)):
+        connection.execute('PRAGMA quick_check(1)')
+    with pytest.raises(RecordingError, match='cannot be read'):
+        read(database)
 
 
 def test_a_database_cut_off_gives_its_first_messages_or_is_refused(database, tmp_path, told):

@@ -82,6 +82,11 @@ class EchoData:
         """Mean of `power` over the pings, shape (n_cells,)."""
         return np.asarray(self.power.mean(axis=0))
 
+    @cached_property
+    def excess(self) -> float:
+        """Power of the echoes: what all cells hold more than noise does."""
+        return max(float(np.sum(self.power[:, self.first_cell:] - 1.0)), 1e-300)
+
     @property
     def shortest_m(self) -> float:
         """A cycle of range, half a wavelength [m]: a shorter edge reflects as a point does, not as a wall.
@@ -125,18 +130,19 @@ class EchoData:
         x, y, z = baseline_m
         baselines = np.column_stack((x * c - y * s, x * s + y * c, np.full(len(c), z)))
         positions = np.array([(sounding.x, sounding.y) for sounding in soundings])
-        scaled = np.array([sounding.echo for sounding in soundings])
-        parts = scaled.view(np.float32)  # real and imaginary ones in turn
+        signal = np.array([sounding.echo for sounding in soundings])
+        parts = signal.view(np.float32)  # real and imaginary ones in turn
         parts /= np.array([sounding.noise for sounding in soundings], np.float32)[:, None]
-        ranges = pulse.step_m * np.arange(scaled.shape[1])
-        signal = scaled * np.exp(-2j * pulse.carrier * ranges).astype(np.complex64)
+        ranges = pulse.step_m * np.arange(signal.shape[1])
+        signal *= np.exp(-2j * pulse.carrier * ranges).astype(np.complex64)
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
-        heard = np.cumsum(np.einsum('ij,ij->j', parts, parts).reshape(-1, 2).sum(axis=1, dtype=float))
+        power = 0.5 * np.abs(signal[:, ::stride]).astype(float) ** 2
+        heard = np.cumsum(power.sum(axis=0))
         width = len(pulse.power)
-        end, last = int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])), len(ranges) - width - 4
+        end, last = int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])) * stride, len(ranges) - width - 4
         if end < last:  # pings are over before the axis is
             last = max(end - _CUT * width, 0)
-        power = 0.5 * np.abs(scaled[:, :last + 1:stride]).astype(float) ** 2
+        power = power[:, :last // stride + 1]
         quietest = power.shape[1] // 5
         quiet = np.partition(power, quietest, axis=1)[:, quietest] / -np.log(0.8)  # of an exponential's mean
         filling = np.where(quiet < _WEAK, 1.0 - quiet, 0.0)

@@ -177,9 +177,8 @@ class PowerSearch:
     @property
     def uncertainty(self) -> float:
         """Three standard deviations of the share explained, which noise alone makes uncertain."""
-        cells = self.data.power[:, self.data.first_cell:]
-        excess = max(float(np.sum(cells - 1.0)), 1e-300)
-        return 3.0 * float(np.sqrt(2.0 * cells.size / self.data.weight)) / excess
+        cells = self.data.power[:, self.data.first_cell:].size
+        return 3.0 * float(np.sqrt(2.0 * cells / self.data.weight)) / self.data.excess
 
 
 def _best_first(trials: list[Model], value: Callable[[Model], float]) -> list[tuple[Model, float]]:

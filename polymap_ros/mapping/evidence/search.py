@@ -22,6 +22,10 @@ _COHERENT = 0.2
 right polygon the waveform is worth 1.1 times the power at 0 dB and twice as much at -10 dB; where positions are off by
 5 mm, 0.01 to 0.15, seldom a third (random plates, even seeds). Wrong polygons are worth all between."""
 
+_IN_PHASE = 0.4
+"""The same share after the single changes that the waveform asks for. Where positions are off by 5 mm, what took to
+phases by accident ends at 0.2 to 0.3, with walls lost that power had found; what is right, at 0.7 or more."""
+
 OBVIOUS = 400.0
 """Nats by which a waveform may be worse without a wall to be refitted: the others, three numbers each, make up for tens
 where they take the place of the one that is missing; a wall that is heard is worth thousands."""
@@ -110,7 +114,9 @@ class Search(PowerSearch):
             model, _ = self.power.refine(model, FULL_ORDER, 3)
             return self._judged(model, None)
         wave = self.wave.refine(last.wave.lines, last.wave.reflection, last.wave.phase, FULL_ORDER, 3)
-        return None if wave is None else self._judged(model.with_lines(wave.lines, model.loss), wave)
+        if wave is None:
+            return None
+        return self._judged(model.with_lines(wave.lines, model.loss), wave, enough=_ALL_EXPLAINED)
 
     def settle(self, model: Model) -> Generator[None, None, Found | None]:
         """Refine by the waveform, then drop and add edges as long as the waveform's likelihood asks for it.
@@ -125,10 +131,13 @@ class Search(PowerSearch):
             if wave is None or wave.value >= _COHERENT * score:
                 break
             wave = yield from self._slipped(wave)
-        if wave is None or wave.value < _COHERENT * score:
+        found = None
+        if wave is not None and wave.value >= _COHERENT * score:
+            found = yield from self._settled(model, wave)
+        if found is None or found.value < _IN_PHASE * score:
             model = yield from self.improve(model, FULL_ORDER, residual=True)
             return self._judged(model, None)
-        return (yield from self._settled(model, wave))
+        return found
 
     def _settled(self, model: Model, wave: Wave) -> Generator[None, None, Found | None]:
         """Single changes of the waveform while they are worth it."""
@@ -152,13 +161,13 @@ class Search(PowerSearch):
         """A model as it stands, by its waveform."""
         return self._judged(model, self._aligned(model) if self.coherent else None)
 
-    def _judged(self, model: Model, wave: Wave | None) -> Found | None:
+    def _judged(self, model: Model, wave: Wave | None, enough: float = np.inf) -> Found | None:
         """What a polygon explains of the echoes' power, and what it is worth."""
-        first = self.data.first_cell
-        excess = self.data.power[:, first:] - 1.0
         price = PRICE * len(model.lines)
         if wave is not None:
-            return Found(model, wave, self._explained(wave), wave.value - price)
+            return Found(model, wave, self._explained(wave, enough), wave.value - price)
+        first = self.data.first_cell
+        excess = self.data.power[:, first:] - 1.0
         value = self.power.fit_nuisances(model, FULL_ORDER)
         if not np.isfinite(value):
             return None
@@ -168,12 +177,14 @@ class Search(PowerSearch):
         explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
         return Found(model, None, min(explained, 1.0), value - price)
 
-    def _explained(self, wave: Wave) -> float:
-        """Share of the echoes' power that the waveform takes away."""
-        first = self.data.first_cell
-        left = self.wave.residual_power(wave, FULL_ORDER)[:, first:] - 1.0
-        excess = self.data.power[:, first:] - 1.0
-        return 1.0 - float(left.sum()) / max(float(excess.sum()), 1e-300)
+    def _explained(self, wave: Wave, enough: float = np.inf) -> float:
+        """Share of the echoes' power that the waveform takes away, by a part of the pings where that is `enough`."""
+        if enough < np.inf:
+            of_few = dataclasses.replace(wave, amplitudes=wave.amplitudes[::self._share])
+            share = _taken_away(self.few_wave, of_few)
+            if share > enough:
+                return share
+        return _taken_away(self.wave, wave)
 
     def _aligned(self, model: Model) -> Wave | None:
         """The waveform's maximum near a refined power model, from the first order up."""
@@ -358,6 +369,12 @@ class Search(PowerSearch):
             if more is not None and more.value - PRICE * len(more.lines) > value + 1.0:
                 return more
         return None
+
+
+def _taken_away(likelihood: WaveformLikelihood, wave: Wave) -> float:
+    data = likelihood.data
+    left = likelihood.residual_power(wave, FULL_ORDER)[:, data.first_cell:]
+    return 1.0 - float(np.sum(left - 1.0)) / data.excess
 
 
 def least_gain(value: float) -> float:

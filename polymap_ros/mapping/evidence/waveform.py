@@ -17,6 +17,7 @@ A Re[exp(-j phi) x_i] - A^2 p_i, and its Fisher information A^2 (sum_mn b_m b_n 
 all of these for any amplitudes and any phase.
 """
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +32,10 @@ _LOSS_DEVIATION = 0.35
 
 _CONVERGED = 0.01
 """Nats that are not worth another step: a seventh of a standard deviation."""
+
+_SMALL = 0.5
+"""Nats that a step promises, one standard deviation's, below which it is the last: it changes neither the information
+nor how the pings' scores differ, and what is left after it is second order."""
 
 _LEAST_KNOWN = 1e-3
 """Share of the information about the walls that the phase leaves at least."""
@@ -159,6 +164,8 @@ class WaveformLikelihood:
             for _ in range(3):
                 trial = self._moved(wave, share * step, order)
                 if trial is not None and trial.value > wave.value:
+                    if expected < _SMALL:
+                        return dataclasses.replace(trial, scores=wave.scores, information=wave.information)
                     trial = self.evaluate(trial.lines, trial.reflection, trial.phase, order)
                     break
                 loss = 0.0 if trial is None else wave.value - trial.value
