@@ -6,9 +6,9 @@ from polymap_ros.mapping.calibration import Fit, calibrated_medium, calibrated_o
 from polymap_ros.mapping.estimate import Caution, Estimate
 from polymap_ros.mapping.session import Session
 
-SYMPTOMS = {'unexplained', 'incoherent', 'misplaced', 'not_closed', 'weak_edge'}
+SYMPTOMS = {'unexplained', 'incoherent', 'drift', 'not_closed', 'weak_edge'}
 """Cautions that a wrong medium or a drifting odometry may be behind: where the echoes agree in phase along the whole
-path, both are right to a part in a thousand, and there is nothing to look for."""
+path, if need be with pings moved by noise, both are right to a part in a thousand, and there is nothing to look for."""
 
 _SIGNIFICANT = 5.0
 """Deviations by which a parameter that is called wrong differs at least from what was given."""

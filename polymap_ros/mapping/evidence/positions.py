@@ -30,6 +30,9 @@ _WAVE_STEPS = ((0.06, 4), (0.015, 4))
 _IN_PHASE = 0.25
 """Cycles of range by which pings are thought to be off, at first, where the echoes agree in phase without a move."""
 
+_BY_CHANCE = 6.0
+"""So many times more than by chance moves have to look like a drift's; noise does in one of some hundred."""
+
 _ROUNDS = 2
 Shares = Callable[[EchoData], NDArray[np.float64]]
 
@@ -113,6 +116,22 @@ def _moves(
             better = value > best
             best[better], offsets[better] = value[better], (trial - reported)[better]
     return offsets, max(float(np.sqrt(np.mean(offsets**2))), step_m)
+
+
+def drift(times: NDArray[np.float64], reported: NDArray[np.float64], offsets: NDArray[np.float64]) -> bool:
+    """Whether moves (N, 2) follow a wrong scale, a turn or a shift that grow with time, or each other; noise does not.
+
+    A wrong medium moves pings as a wrong scale does.
+    """
+    away = reported - reported.mean(axis=0)
+    since = ((times - times.mean()) / max(float(np.std(times)), 1e-300))[:, None]
+    turning = since * away @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    ways = np.column_stack([way.ravel() for way in (away, turning, since * (1.0, 0.0), since * (0.0, 1.0))])
+    left = offsets.ravel() - ways @ np.linalg.lstsq(ways, offsets.ravel(), rcond=None)[0]
+    total = max(float(np.sum(offsets**2)), 1e-300)
+    followed = 1.0 - float(np.sum(left**2)) / total  # of noise, 4 of 2 N
+    correlation = max(float(np.sum(offsets[1:] * offsets[:-1])) / total, 0.0)  # of noise, its square is 1 of 2 N
+    return offsets.size * max(followed / 4.0, correlation**2) > _BY_CHANCE
 
 
 def anchored(

@@ -130,7 +130,7 @@ class Search(PowerSearch):
         for _ in model.lines:
             if wave is None or wave.value >= _COHERENT * score:
                 break
-            wave = yield from self._slipped(wave)
+            wave = yield from self._slipped(wave, np.arange(len(wave.lines)))
         found = None
         if wave is not None and wave.value >= _COHERENT * score:
             found = yield from self._settled(model, wave)
@@ -144,8 +144,11 @@ class Search(PowerSearch):
         for _ in range(ROUNDS):
             yield
             changed, explained = None, self._explained(wave)
+            doubtful = self._short_edges(wave)
             if explained < _ALL_EXPLAINED + self.uncertainty:  # before a wall goes that is only half a cycle off
-                changed = yield from self._slipped(wave)
+                doubtful = np.arange(len(wave.lines))
+            if len(doubtful):
+                changed = yield from self._slipped(wave, doubtful)
             if changed is None:
                 changed = yield from self._dropped(wave)
             if changed is None and explained < _ALL_EXPLAINED:
@@ -211,15 +214,21 @@ class Search(PowerSearch):
                 best = fewer
         return best if best is not None and best.value + PRICE > wave.value else None
 
-    def _slipped(self, wave: Wave) -> Generator[None, None, Wave | None]:
-        """The best waveform with one wall half a cycle of range off and its sign turned, or a whole cycle off.
+    def _short_edges(self, wave: Wave) -> NDArray[np.intp]:
+        """Walls so short that their few echoes leave open, at all that is explained, which cycle they are of."""
+        _, corners = corners_of(wave.lines)
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        return np.flatnonzero(lengths < _SHORT[-1] * self.data.pulse.width_m)
+
+    def _slipped(self, wave: Wave, walls: NDArray[np.intp]) -> Generator[None, None, Wave | None]:
+        """The best waveform with one of these walls half a cycle of range off, its sign turned, or a whole cycle off.
 
         A part of the pings tells which of these may be worth more once all walls are refined.
         """
         cycle, trials = np.pi / self.data.pulse.carrier, []
         as_is = self.few_wave.evaluate(wave.lines, wave.reflection, wave.phase, SEARCH_ORDER, derive=False)
         least = -np.inf if as_is is None else as_is.value - OBVIOUS
-        for wall in range(len(wave.lines)):
+        for wall in walls:
             yield
             for slip, sign in ((-0.5, -1.0), (0.5, -1.0), (-1.0, 1.0), (1.0, 1.0)):
                 lines, reflection = wave.lines.copy(), wave.reflection.copy()

@@ -15,7 +15,7 @@ from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.first_walls import first_walls
 from polymap_ros.mapping.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.mapping.evidence.paths import corners_of
-from polymap_ros.mapping.evidence.positions import Placed, join, place
+from polymap_ros.mapping.evidence.positions import Placed, drift, join, place
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
 from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines
@@ -243,8 +243,12 @@ class EvidenceSolver:
             cautions.append(Caution('dispersion', 'magnitudes cannot be freed of the dispersion of a plate: walls may '
                                     'be off by some millimetres, more than their deviations say'))
         if found.misplaced_m:
-            cautions.append(Caution('misplaced', 'the echoes agree only where the pings are moved by '
-                                    f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); the odometry is noisy'))
+            moves = np.array(list(self._moves.values()))
+            drifts = drift(np.array(list(self._moves), float), search.data.positions - moves, moves)
+            code, cause = (('drift', 'the odometry drifts, or the medium is a little off') if drifts else
+                           ('misplaced', 'the odometry is noisy'))
+            cautions.append(Caution(code, 'the echoes agree only where the pings are moved by '
+                                    f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); {cause}'))
         if found.wave is None and self._parameters.echo.kind == 'rf':
             cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions or medium '
                                     'may be off, and the polygon comes from their power alone'))

@@ -11,7 +11,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.evidence.positions import anchored
+from polymap_ros.mapping.evidence.positions import anchored, drift
 from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
@@ -57,6 +57,26 @@ def test_with_positions_5_mm_off_the_room_is_known_to_a_tenth_of_that(edges, see
     assert found.length_stds_m.max() < 5e-4
     shift = np.linalg.norm(np.mean(estimate.polygon.vertices, axis=0) - np.mean(scene.vertices, axis=0))
     assert 1e-4 < shift < 4.0 * 5e-3 / np.sqrt(len(scene.poses)) * 1.5
+
+
+def test_moves_of_noise_are_told_from_those_of_a_drift():
+    """Scale, yaw drift and a random walk, twice the noise beside them; a path, and one that comes by places again."""
+    generator = np.random.default_rng(3)
+    drifting = {'none': 0, 'scale': 0, 'yaw': 0, 'walk': 0}
+    for seed in range(50):
+        scene = random_scene(seed, 5)
+        reported, times = scene.positions, np.sort(generator.uniform(0.0, 600.0, len(scene.poses)))
+        reported = reported[generator.permutation(len(reported))] if seed % 2 else reported
+        away = reported - reported[0]
+        turned = away @ [[0.0, 1.0], [-1.0, 0.0]]
+        ways = {'none': np.zeros_like(reported), 'scale': away, 'yaw': times[:, None] * turned,
+                'walk': np.cumsum(generator.normal(size=reported.shape), axis=0)}
+        for name, way in ways.items():
+            own = 2.0 * way / max(way.std(), 1e-9) + generator.normal(size=way.shape)
+            offsets, _ = anchored(reported, 1e-3 * own, polygon_lines(scene.vertices))
+            drifting[name] += drift(times, reported, offsets)
+    assert drifting['none'] <= 3
+    assert min(drifting['scale'], drifting['yaw'], drifting['walk']) >= 47
 
 
 def test_pings_are_not_said_to_be_misplaced_where_only_the_walls_were_off():
