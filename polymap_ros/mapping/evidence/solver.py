@@ -14,8 +14,8 @@ from polymap_ros.mapping.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.mapping.evidence.data import EchoData
 from polymap_ros.mapping.evidence.first_walls import first_walls
 from polymap_ros.mapping.evidence.mirror import AS_LIKELY, mirror_image
+from polymap_ros.mapping.evidence.moved_pings import MovedPings
 from polymap_ros.mapping.evidence.paths import corners_of
-from polymap_ros.mapping.evidence.positions import Placed, drift, join, place
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
 from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines
@@ -41,14 +41,8 @@ which takes seconds: where no convex polygon explains them, the work stays bound
 _MOVES_AFTER = 2, 4
 """Starts after which pings are moved: a polygon that two of them find is hardly what is wrong."""
 
-_MOVABLE = 12
-"""Pings from which they may be moved: fewer can be bent to a wrong polygon."""
-
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
-
-_BY_CHANCE = 2.0
-"""Nats per ping that moving it may bring although it is where it was reported: twice the mean of two coordinates'."""
 
 CERTAIN = 0.9
 """Likelihood from which an edge counts as certain."""
@@ -71,7 +65,7 @@ class EvidenceSolver:
         self._doubted_at = 0  # pings when a missing wall and a mirror image that is as likely were looked for
         self._cut_off = False
         self._unheard: dict[int, float] = {}  # corners that no echo has been near, and how much may be missing [m]
-        self._moves: dict[int, NDArray[np.float64]] = {}  # of pings that were not where the odometry says, by stamp [m]
+        self._pings = MovedPings()
         self._other: Found | None = None
         self._work: Generator[None, None, Estimate] | None = None
         self._answer: Estimate | None = None
@@ -128,7 +122,7 @@ class EvidenceSolver:
         With it the search over the pings where they were found to be.
         """
         enough = EXPLAINED + _MARGIN - reported.uncertainty / 3.0
-        search, best = yield from self._again(reported, stamps)
+        search, best = yield from self._pings.again(reported, stamps, self._last)
         if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best
         self._searched = heard
@@ -140,7 +134,7 @@ class EvidenceSolver:
                 search, best = reported, found
             due = number in _MOVES_AFTER and best is not tried
             if best is not None and due and not _explains(reported, best, enough):
-                search, best = yield from self._moved(reported, stamps, search, best, enough)
+                search, best = yield from self._pings.moved(reported, stamps, search, best, enough)
                 tried = best
             if _explains(reported, best, enough):
                 return search, best
@@ -152,36 +146,6 @@ class EvidenceSolver:
                     break
                 best = mended._replace(misplaced_m=best.misplaced_m)
         return search, best
-
-    def _again(self, reported: Search, stamps: list[int]) -> Generator[None, None, tuple[Search, Found | None]]:
-        """The last answer, with the pings of today where they were found to be."""
-        if self._last is None:
-            return reported, None
-        if not self._last.misplaced_m or self._last.wave is None:
-            return reported, (yield from reported.again(self._last))
-        unknown = np.full(2, np.nan)
-        placed = yield from join(reported, self._last, np.array([self._moves.get(stamp, unknown) for stamp in stamps]))
-        return (reported, None) if placed is None else self._keep(placed, reported, stamps)
-
-    def _moved(
-        self, reported: Search, stamps: list[int], search: Search, found: Found, enough: float
-    ) -> Generator[None, None, tuple[Search, Found]]:
-        """The search and the answer with the pings moved, where that lets the echoes agree and is needed."""
-        if not reported.coherent or len(stamps) < _MOVABLE:
-            return search, found
-        placed = yield from place(reported, found)
-        if placed is None or (found.wave is not None and placed.found.explained <= enough):
-            return search, found
-        unmoved = yield from reported.again(placed.found)
-        by_chance = _BY_CHANCE * len(stamps)
-        if unmoved is not None and unmoved.wave is not None and unmoved.value > placed.found.value - by_chance:
-            return reported, unmoved  # only the walls were off
-        return self._keep(placed, reported, stamps)
-
-    def _keep(self, placed: Placed, reported: Search, stamps: list[int]) -> tuple[Search, Found]:
-        """Where the pings are, for the next solve."""
-        self._moves = dict(zip(stamps, placed.search.data.positions - reported.data.positions, strict=True))
-        return placed.search, placed.found._replace(misplaced_m=placed.deviation_m)
 
     def _doubted(self, search: Search, found: Found, heard: int) -> Generator[None, None, tuple[Found, Found | None]]:
         """The better of the answer and its mirror image, and the other if it is as likely.
@@ -243,10 +207,9 @@ class EvidenceSolver:
             cautions.append(Caution('dispersion', 'magnitudes cannot be freed of the dispersion of a plate: walls may '
                                     'be off by some millimetres, more than their deviations say'))
         if found.misplaced_m:
-            moves = np.array(list(self._moves.values()))
-            drifts = drift(np.array(list(self._moves), float), search.data.positions - moves, moves)
-            code, cause = (('drift', 'the odometry drifts, or the medium is a little off') if drifts else
-                           ('misplaced', 'the odometry is noisy'))
+            code, cause = ('misplaced', 'the odometry is noisy')
+            if self._pings.drift(search):
+                code, cause = ('drift', 'the odometry drifts, or the medium is a little off')
             cautions.append(Caution(code, 'the echoes agree only where the pings are moved by '
                                     f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); {cause}'))
         if found.wave is None and self._parameters.echo.kind == 'rf':
