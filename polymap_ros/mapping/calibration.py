@@ -301,11 +301,15 @@ def _polygon(
     for start in search.starts():
         yield
         found = None if start is None else (yield from search.polygon(start))
-        if found is not None and (best is None or found.value > best.value):
-            best = found
+        best = max((each for each in (best, found) if each is not None), key=_worth, default=None)
         if best is not None and (best.wave is None or best.explained > EXPLAINED):
             break
     return best
+
+
+def _worth(found: Found) -> tuple[bool, float]:
+    """What agrees in phase first: the log likelihoods with phase and without it do not compare."""
+    return found.wave is not None, found.value
 
 
 def _put_right(
@@ -314,12 +318,11 @@ def _put_right(
     """The polygon that a climb ended with, edges dropped and added; where it does not explain the echoes, another."""
     search, wave = _search(session, family, peak.at), peak.found[1]
     assert search is not None, 'the climb has been there'
-    loss = 2.0 * np.log(np.abs(wave.reflection))
-    found = yield from search.settle(search.power.initial(1.0).with_lines(wave.lines, loss))
+    found = yield from search.settle(search.power.initial(1.0).with_lines(wave.lines, wave.loss))
     if found is not None and found.explained > EXPLAINED:
         return found
     other = yield from _polygon(session, family, peak.at)
-    return max((each for each in (found, other) if each is not None), key=lambda each: each.value, default=None)
+    return max((each for each in (found, other) if each is not None), key=_worth, default=None)
 
 
 def _climbed(

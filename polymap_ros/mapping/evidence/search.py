@@ -53,9 +53,6 @@ _SCAN_WIDTHS = 1.25
 _RESCORED = 300
 """Of these, the best by a few pings, so many are scored by all."""
 
-_LEAST_REFLECTION = 1e-3
-"""Reflection coefficient of a wall that is silent, where a logarithm is needed."""
-
 
 class Found(NamedTuple):
     """A polygon as a model of power and, where the echoes agree in phase, as a waveform.
@@ -158,7 +155,7 @@ class Search(PowerSearch):
             if changed is None:
                 break
             wave = changed
-        return self._judged(model.with_lines(wave.lines, 2.0 * np.log(np.abs(wave.reflection))), wave)
+        return self._judged(model.with_lines(wave.lines, wave.loss), wave)
 
     def judge(self, model: Model) -> Found | None:
         """A model as it stands, by its waveform."""
@@ -316,7 +313,7 @@ class Search(PowerSearch):
 
     def _base(self, model: Model, wave: Wave) -> Model:
         """The walls of a waveform as a model of power."""
-        base = model.with_lines(wave.lines, 2.0 * np.log(np.maximum(np.abs(wave.reflection), _LEAST_REFLECTION)))
+        base = model.with_lines(wave.lines, wave.loss)
         self.power.fit_nuisances(base, SEARCH_ORDER)
         return base
 

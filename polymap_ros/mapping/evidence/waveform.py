@@ -30,6 +30,9 @@ from polymap_ros.mapping.evidence.wave_sums import Heard, Sums, add_up, predict
 _LOSS_DEVIATION = 0.35
 """Prior standard deviation of ln |rho| about 0, as in `power`."""
 
+_LEAST_REFLECTION = 1e-3
+"""Reflection coefficient of a wall that is silent, where a logarithm is needed."""
+
 _CONVERGED = 0.01
 """Nats that are not worth another step: a seventh of a standard deviation."""
 
@@ -70,6 +73,11 @@ class Wave:
     value: float
     scores: NDArray[np.float64]
     information: NDArray[np.float64]
+
+    @property
+    def loss(self) -> NDArray[np.float64]:
+        """Each wall's loss of power as `power.Model` has it, ln rho^2; a silent wall's is finite."""
+        return np.asarray(2.0 * np.log(np.maximum(np.abs(self.reflection), _LEAST_REFLECTION)))
 
 
 class WaveformLikelihood:
