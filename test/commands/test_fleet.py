@@ -82,23 +82,39 @@ def job(name, marker, how):
     if how == 'always' or (how == 'once' and not marker.exists()):
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    if how in ('r', 'w'):  # wait for the other, who has to be there at the same time
+        signal.alarm(30)
+        open(marker.parent / 'meeting', how).close()
+        signal.alarm(0)
     console.tell(f'{name} is done')
     return console.DONE
 '''
 
 
-@pytest.mark.parametrize(('how', 'done'), [('once', (0, 1, 2, 3)), ('always', (0, 2, 3))])
-def test_a_process_that_ends_abruptly_costs_one_recording_at_most(tmp_path, monkeypatch, capfd, how, done):
+def abrupt_jobs(tmp_path, monkeypatch, ways):
     (tmp_path / 'abrupt.py').write_text(JOB)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, 'abrupt', raising=False)
     job = importlib.import_module('abrupt').job
-    jobs = [(f'job {index}', tmp_path / str(index), each) for index, each in enumerate(('', how, '', ''))]
+    return job, [(f'job {index}', tmp_path / str(index), each) for index, each in enumerate(ways)]
+
+
+@pytest.mark.parametrize(('how', 'done'), [('once', (0, 1, 2, 3)), ('always', (0, 2, 3))])
+def test_a_process_that_ends_abruptly_costs_one_recording_at_most(tmp_path, monkeypatch, capfd, how, done):
+    job, jobs = abrupt_jobs(tmp_path, monkeypatch, ('', how, '', ''))
     assert fleet.run_all('polymap_replay', job, jobs, 2, None) == (0 if 1 in done else 2)
     out, err = capfd.readouterr()
     assert sorted(out.split('\n')[:-1]) == [f'job {index} is done' for index in done]
     complaints = [line for line in err.replace('\r', '\n').splitlines() if line.startswith('polymap_replay')]
     text = 'polymap_replay: error: job 1: the process that worked on it ended abruptly, as where memory runs out'
     assert complaints == ([] if 1 in done else [text])
+
+
+def test_after_a_process_ended_abruptly_as_many_work_at_once(tmp_path, monkeypatch, capfd):
+    os.mkfifo(tmp_path / 'meeting')
+    job, jobs = abrupt_jobs(tmp_path, monkeypatch, ('once', 'r', 'w'))
+    assert fleet.run_all('polymap_replay', job, jobs, 2, None) == 0
+    assert sorted(capfd.readouterr().out.split('\n')[:-1]) == ['job 0 is done', 'job 1 is done', 'job 2 is done']
 
 
 def test_a_cluster_that_is_not_there_is_one_line(call, triangle, monkeypatch):
