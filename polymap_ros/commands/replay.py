@@ -2,14 +2,16 @@
 
 import argparse
 import dataclasses
+import os
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from polymap_ros.commands import console
-from polymap_ros.errors import UsageError
+from polymap_ros.errors import RecordingError, UsageError
 from polymap_ros.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -81,6 +83,7 @@ def _run(arguments: argparse.Namespace) -> int:
         option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero'}[what]
         raise UsageError(f'--{option} starts from a recording alone; leave output.load_path out')
     folders = _folders(arguments.recordings, arguments.output or Path(parameters.output.dir))
+    _spare(folders, arguments.params_file)
     if arguments.plot or arguments.plot_signals:
         from polymap_ros.results.picture import require_matplotlib
 
@@ -115,12 +118,32 @@ def _folders(recordings: Sequence[Path], output: Path) -> dict[Path, Path]:
     """Where the results of each recording go."""
     if len(recordings) == 1:
         return {recordings[0]: output}
-    names = [path.stem if path.suffix in ('.mcap', '.db3') else path.absolute().name for path in recordings]
-    for name in names:
+    names = [path.stem if path.suffix in ('.mcap', '.db3') else Path(os.path.abspath(path)).name  # noqa: PTH100, with no ..
+             for path in recordings]
+    for path, name in zip(recordings, names, strict=True):
+        if name in ('', '.', '..'):
+            raise UsageError(f'{path}: has no name that its folder in {output} could have; replay it by itself')
         if names.count(name) > 1:
             raise UsageError(f'{names.count(name)} recordings are called {name}, which names their folder in {output}; '
                              'replay them one by one with an --output each')
     return {path: output / name for path, name in zip(recordings, names, strict=True)}
+
+
+def _spare(folders: dict[Path, Path], parameter_file: Path | None) -> None:
+    """Refuse to write where results would take the place of what is read."""
+    from polymap_ros.recordings.layout import layout_of
+    from polymap_ros.results.folder import NAMES
+
+    read = [parameter_file] if parameter_file else []
+    for recording in folders:
+        with suppress(RecordingError, OSError):  # told when it is its turn
+            read += layout_of(recording).files
+    kept = {path.resolve() for path in read}
+    for folder in folders.values():
+        for name in NAMES:
+            if (folder / name).resolve() in kept:
+                raise UsageError(f'{folder / name}: is read, and the results would take its place; choose another '
+                                 '--output')
 
 
 def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:

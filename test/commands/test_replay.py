@@ -172,6 +172,37 @@ def test_two_recordings_of_one_name_are_refused(call, triangle, tmp_path):
     assert not (tmp_path / 'out').exists()
 
 
+def test_results_take_the_place_of_nothing_that_is_read(call, triangle, tmp_path):
+    """A recording called as a result is, and the parameter file of an earlier calibration."""
+    (tmp_path / 'run').mkdir()
+    (tmp_path / 'runs').mkdir()
+    (tmp_path / 'runs' / 'triangle').symlink_to('../run')
+    shutil.copy(triangle / 'triangle.mcap', tmp_path / 'run' / 'result.mcap')
+    (tmp_path / 'run' / 'calibration.yaml').write_text('/**:\n  ros__parameters:\n    solver:\n      seed: 3\n')
+    before = {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
+    for recordings, options in (
+        (['run/result.mcap'], ['--output', 'run']), (['run'], ['--output', 'run', '--record']),
+        ([triangle, 'run/result.mcap'], ['--output', 'runs']),
+        ([triangle], ['--params-file', 'run/calibration.yaml', '--output', 'run']),
+    ):
+        done = call('replay', *recordings, *options, *FAST)
+        assert done.status == 2
+        assert 'is read, and the results would take its place' in done.complaint
+    assert before == {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
+
+
+def test_several_recordings_never_leave_the_output_folder(call, triangle, tmp_path, monkeypatch):
+    shutil.copytree(triangle, tmp_path / 'bag' / 'inner')
+    shutil.copy(triangle / 'triangle.mcap', tmp_path / '...mcap')
+    monkeypatch.chdir(tmp_path / 'bag' / 'inner')
+    done = call('replay', '.', triangle, '--output', tmp_path / 'out', *FAST)
+    assert done.status == 0, done.err
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['inner', 'triangle']
+    done = call('replay', tmp_path / '...mcap', triangle, '--output', tmp_path / 'other', *FAST)
+    assert (done.status, 'has no name' in done.complaint) == (2, True)
+    assert not (tmp_path / 'other').exists()
+
+
 def test_a_saved_state_is_continued(call, triangle, tmp_path):
     """Two halves one after the other give the map of the whole."""
     with AnyReader([triangle]) as reader:
