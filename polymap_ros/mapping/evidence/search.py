@@ -84,17 +84,23 @@ class Found(NamedTuple):
 
 
 class Search(PowerSearch):
-    """A search that ends with the waveform, if `coherent`, and with power alone otherwise."""
+    """A search that ends with the waveform, if `coherent`, and with power alone otherwise.
 
-    def __init__(self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True) -> None:
+    Echoes that are `dispersed` are drawn out, the more the farther they come: their pulse is not the one looked for.
+    """
+
+    def __init__(
+        self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True,
+        dispersed: bool = False,
+    ) -> None:
         super().__init__(data, max_edges, generator)
         self.wave = WaveformLikelihood(data)
         self.few_wave = WaveformLikelihood(self.few.data)
-        self.coherent = coherent
+        self.coherent, self.dispersed = coherent, dispersed
 
     def over(self, data: EchoData) -> 'Search':
         """The same search over other data."""
-        return Search(data, self._max_edges, self._generator, self.coherent)
+        return Search(data, self._max_edges, self._generator, self.coherent, self.dispersed)
 
     def polygon(self, start: Model) -> Generator[None, None, Found | None]:
         """Improve a start by single changes: power of two orders, then of three, then the waveform of five."""

@@ -103,11 +103,11 @@ class EvidenceSolver:
         search, found = yield from self._found(reported, stamps, heard)
         self._last = found
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
-            return _open(snapshot, evidence, straight)
+            return _open(snapshot, evidence, search, straight)
         found, other = yield from self._doubted(search, found, heard)
         certainty = yield from certainty_of(search, found)
         if straight and (min(certainty.likelihood) < CERTAIN or self._gap(search, certainty, found)):
-            return _open(snapshot, evidence, straight)
+            return _open(snapshot, evidence, search, straight)
         answer = self._conclude(snapshot, evidence, search, found, certainty, straight)
         if answer.polygon is None or other is None:
             return answer
@@ -203,9 +203,7 @@ class EvidenceSolver:
                      f'it has all the edges that solver.max_edges allows ({most})')
             cautions.append(Caution('unexplained', f'the polygon explains {max(found.explained, 0.0):.0%} of the '
                                     f"echoes' power; {cause}"))
-        if self._parameters.echo.kind == 'envelope' and self._parameters.medium.model == 'lamb_a0':
-            cautions.append(Caution('dispersion', 'magnitudes cannot be freed of the dispersion of a plate: walls may '
-                                    'be off by some millimetres, more than their deviations say'))
+        cautions += _dispersion(search)
         if found.misplaced_m:
             code, cause = ('misplaced', 'the odometry is noisy')
             if self._pings.drift(search):
@@ -213,8 +211,8 @@ class EvidenceSolver:
             cautions.append(Caution(code, 'the echoes agree only where the pings are moved by '
                                     f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); {cause}'))
         if found.wave is None and self._parameters.echo.kind == 'rf':
-            cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions or medium '
-                                    'may be off, and the polygon comes from their power alone'))
+            cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions, medium or '
+                                    'time zero may be off, and the polygon comes from their power alone'))
         return cautions
 
     def _gap(self, search: Search, certainty: Certainty, found: Found) -> str:
@@ -248,7 +246,9 @@ def search_of(evidence: Evidence, parameters: Parameters) -> Search:
     data = EchoData.of(heard, evidence.pulse, parameters.medium.spreading, parameters.echo.blanking_m,
                        (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m))
     generator = np.random.default_rng(parameters.solver.seed)
-    return Search(data, parameters.solver.max_edges, generator, parameters.echo.kind == 'rf')
+    coherent = parameters.echo.kind == 'rf'
+    dispersed = not coherent and parameters.medium.model == 'lamb_a0'
+    return Search(data, parameters.solver.max_edges, generator, coherent, dispersed)
 
 
 def rehearse(evidence: Evidence, parameters: Parameters) -> None:
@@ -268,10 +268,16 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
     Snapshot.of(evidence).region.iou(corners_of(square.lines)[1])
 
 
-def _open(snapshot: Snapshot, evidence: Evidence, straight: list[Caution]) -> Estimate:
+def _dispersion(search: Search) -> list[Caution]:
+    return [Caution('dispersion', 'magnitudes cannot be freed of the dispersion of a plate: walls may be off by some '
+                    'millimetres, more than their deviations say, or be wrong')] if search.dispersed else []
+
+
+def _open(snapshot: Snapshot, evidence: Evidence, search: Search, straight: list[Caution]) -> Estimate:
     walls = _proven_by_first_echoes(snapshot, evidence, straight)
     caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
-    return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls, cautions=(*straight, caution))
+    return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
+                    cautions=(*straight, caution, *_dispersion(search)))
 
 
 def _proven_by_first_echoes(snapshot: Snapshot, evidence: Evidence, straight: list[Caution]) -> tuple[Edge, ...]:

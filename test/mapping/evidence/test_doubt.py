@@ -156,6 +156,19 @@ def test_a_wall_that_is_silent_is_missed_by_magnitudes_too(edges, seed, listen):
     assert 'not_closed' in codes(estimate)
 
 
+@pytest.mark.parametrize(('edges', 'seed'), [(3, 600), (4, 600), (5, 602), (5, 604)])
+def test_magnitudes_of_a_plate_prove_no_edge(edges, seed, listen):
+    """Dispersion draws echoes out, which is not what the likelihood looks for: a polygon may be wrong altogether."""
+    scene = random_scene(seed, edges)
+    magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
+    estimate = listen(scene, magnitudes, changes={'echo.kind': 'envelope'}).solve()
+    assert 'dispersion' in codes(estimate)
+    polygons = [each for each in (estimate.polygon, *estimate.alternatives) if each is not None]
+    found = [*estimate.walls, *(edge for polygon in polygons for edge in polygon.edges)]
+    truth = polygon_lines(scene.vertices)
+    assert all(np.any(is_wall(edge, truth)) for edge in found if edge.likelihood >= 0.9)
+
+
 @pytest.mark.parametrize(('places', 'seed'), [(3, 602), (3, 611), (4, 614), (4, 600)])
 def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed, listen):
     scene = random_scene(seed, (3, 4, 5, 6, 7, 8)[seed % 6])
