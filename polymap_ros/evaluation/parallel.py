@@ -1,7 +1,9 @@
 """Independent jobs, spread over processes."""
 
 import multiprocessing
+import os
 import signal
+import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import closing, contextmanager
@@ -34,7 +36,7 @@ def job_futures(
 
     Where this ends early, closed or interrupted, the processes get SIGTERM, and this waits for their end.
     """
-    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context('spawn'))
+    pool = ProcessPoolExecutor(processes, multiprocessing.get_context('spawn'), _end_with_parent)
     others = set(multiprocessing.active_children())
     try:
         with _interrupts_ignored():
@@ -47,6 +49,18 @@ def job_futures(
         raise
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _end_with_parent() -> None:
+    """Let this process end with the one that started it, even where that is killed."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None, 'is started by another process'
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 @contextmanager

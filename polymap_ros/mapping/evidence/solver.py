@@ -211,8 +211,8 @@ class EvidenceSolver:
             cautions.append(Caution(code, 'the echoes agree only where the pings are moved by '
                                     f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); {cause}'))
         if found.wave is None and self._parameters.echo.kind == 'rf':
-            cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions, medium or '
-                                    'time zero may be off, and the polygon comes from their power alone'))
+            cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions, medium '
+                                    'or time zero may be off, and the polygon comes from their power alone'))
         return cautions
 
     def _gap(self, search: Search, certainty: Certainty, found: Found) -> str:
