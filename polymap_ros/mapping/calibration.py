@@ -51,6 +51,9 @@ _WORTH = 0.002
 """Share of the log likelihood that a second parameter has to bring, beside `_NATS`."""
 _NATS = 17.0
 
+_BEGUN_AT = 0.0, -1.5, 1.5
+"""Pulse widths from the time zero given at which a search for another begins, until one explains the echoes."""
+
 _PULSES_OFF = 3.0, 1.5, 0.8, 0.3
 """Widths of the pulse that a time zero may be off, round by round."""
 
@@ -130,7 +133,18 @@ def calibrated_time_zero(session: Session) -> Work:
     if reason := _hopeless(session):
         return Refusal(reason)
     family = TimeZero(session.parameters)
-    at, width_m = family.given, session.search(session.parameters).data.pulse.width_m
+    width_m = session.search(session.parameters).data.pulse.width_m
+    first: Refusal | None = None
+    for pulses in _BEGUN_AT:
+        result = yield from _time_zero_near(session, family, family.given + pulses * width_m, width_m)
+        if isinstance(result, Fit):
+            return result
+        first = first or result
+    assert first is not None, 'what was given was tried'
+    return first
+
+
+def _time_zero_near(session: Session, family: TimeZero, at: NDArray[np.float64], width_m: float) -> Work:
     for reach in _PULSES_OFF:  # a rough polygon that is made with a wrong time zero shows the way to a better one
         search = _search(session, family, at)
         rough = None if search is None else (yield from _rough(search))
