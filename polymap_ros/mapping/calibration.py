@@ -10,7 +10,7 @@ Four stages, each of which leads into the reach of the next:
 An answer that does not explain the echoes is none.
 """
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -134,14 +134,8 @@ def calibrated_time_zero(session: Session) -> Work:
         return Refusal(reason)
     family = TimeZero(session.parameters)
     width_m = session.search(session.parameters).data.pulse.width_m
-    first: Refusal | None = None
-    for pulses in _BEGUN_AT:
-        result = yield from _time_zero_near(session, family, family.given + pulses * width_m, width_m)
-        if isinstance(result, Fit):
-            return result
-        first = first or result
-    assert first is not None, 'what was given was tried'
-    return first
+    return (yield from _first_fit(_time_zero_near(session, family, family.given + pulses * width_m, width_m)
+                                  for pulses in _BEGUN_AT))
 
 
 def _time_zero_near(session: Session, family: TimeZero, at: NDArray[np.float64], width_m: float) -> Work:
@@ -177,13 +171,19 @@ def _hopeless(session: Session) -> str:
 
 def _fit(session: Session, family: Family, elsewhere: bool) -> Work:
     """The first fit from the sharpest points without phase, the best first, and from what was given."""
+    points = [*(yield from _sharpest(session, family)), family.given]
+    return (yield from _first_fit(_settle(session, family, p, elsewhere) for p in points))
+
+
+def _first_fit(works: Iterable[Work]) -> Work:
+    """The first that finds something, or that what was given is the sharpest; else why the first did not."""
     first: Refusal | None = None
-    for p in [*(yield from _sharpest(session, family)), family.given]:
-        result = yield from _settle(session, family, p, elsewhere)
+    for work in works:
+        result = yield from work
         if isinstance(result, Fit) or result.as_given:
             return result
         first = first or result
-    assert first is not None, 'what was given was tried'
+    assert first is not None, 'what was given is tried'
     return first
 
 

@@ -209,7 +209,7 @@ def test_a_row_said_to_be_larger_than_memory_costs_itself_and_those_after_it(dat
         with pytest.raises(MemoryError):
             connection.execute('SELECT timestamp FROM messages NOT INDEXED').fetchall()
     found, cautions = read(database)
-    assert set(found) < set(told)
+    assert set() < set(found) < set(told)
     assert 'messages are on sound pages' in cautions[0].text
 
 
@@ -219,7 +219,7 @@ def test_a_schema_whose_names_are_no_text_is_refused(database):
         b'CREATE TABLE messages', b'CREATE XABLE messages')
     assert damaged != content
     database.write_bytes(damaged)
-    with closing(sqlite3.connect(database)) as connection, pytest.raises((sqlite3.Error, UnicodeDecodeError)):
+    with closing(sqlite3.connect(database)) as connection, pytest.raises(UnicodeDecodeError):
         connection.execute('PRAGMA quick_check(1)')
     with pytest.raises(RecordingError, match='cannot be read'):
         read(database)

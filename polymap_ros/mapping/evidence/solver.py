@@ -210,7 +210,7 @@ class EvidenceSolver:
                 code, cause = ('drift', 'the odometry drifts, or the medium is a little off')
             cautions.append(Caution(code, 'the echoes agree only where the pings are moved by '
                                     f'{1e3 * found.misplaced_m:.1f} mm (standard deviation); {cause}'))
-        if found.wave is None and self._parameters.echo.kind == 'rf':
+        if found.wave is None and search.coherent:
             cautions.append(Caution('incoherent', 'the echoes do not agree in phase over the path; positions, medium '
                                     'or time zero may be off, and the polygon comes from their power alone'))
         return cautions

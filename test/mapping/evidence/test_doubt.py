@@ -9,6 +9,7 @@ from scipy.signal import hilbert
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.comparison import compare
 from polymap_ros.mapping.evidence import search
+from polymap_ros.mapping.evidence.solver import CERTAIN
 from polymap_ros.mapping.lines import polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.pose import Pose
@@ -163,10 +164,8 @@ def test_magnitudes_of_a_plate_prove_no_edge(edges, seed, listen):
     magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
     estimate = listen(scene, magnitudes, changes={'echo.kind': 'envelope'}).solve()
     assert 'dispersion' in codes(estimate)
-    polygons = [each for each in (estimate.polygon, *estimate.alternatives) if each is not None]
-    found = [*estimate.walls, *(edge for polygon in polygons for edge in polygon.edges)]
-    truth = polygon_lines(scene.vertices)
-    assert all(np.any(is_wall(edge, truth)) for edge in found if edge.likelihood >= 0.9)
+    assert estimate.walls == ()
+    assert max(edge.likelihood for edge in estimate.polygon.edges) < CERTAIN
 
 
 @pytest.mark.parametrize(('places', 'seed'), [(3, 602), (3, 611), (4, 614), (4, 600)])
