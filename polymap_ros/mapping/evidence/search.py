@@ -215,7 +215,12 @@ class Search(PowerSearch):
             fewer = self.wave.refine(fewer.lines, fewer.reflection, fewer.phase, FULL_ORDER)
             if fewer is not None and (best is None or fewer.value > best.value):
                 best = fewer
-        return best if best is not None and best.value + PRICE > wave.value else None
+        return best if best is not None and self._worth(best) > self._worth(wave) else None
+
+    def _worth(self, wave: Wave) -> float:
+        """Log likelihood less the edges' price; of two that are one wall, the second has to bring enough to be sure."""
+        twins = sum(self.one_of(line, wave.lines[:wall]) for wall, line in enumerate(wave.lines))
+        return wave.value - PRICE * (len(wave.lines) - twins) - least_gain(wave.value) * twins
 
     def _short_edges(self, wave: Wave) -> NDArray[np.intp]:
         """Walls so short that their few echoes leave open, at all that is explained, which cycle they are of."""
@@ -256,7 +261,7 @@ class Search(PowerSearch):
         base = self._base(model, wave)
         _, corners = corners_of(wave.lines)
         lines = strongest_chords(left, expected, base.strength, corners, CHORDS)
-        return (yield from self._with_another(base, lines, wave.value - PRICE * len(wave.lines)))
+        return (yield from self._with_another(base, lines, self._worth(wave)))
 
     def _shortened(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
         """The best waveform with a corner cut off by an edge too short for its feet to propose it.
@@ -378,7 +383,7 @@ class Search(PowerSearch):
                 break
             yield
             more = self._aligned(self.power.refine(trial, FULL_ORDER, 6)[0])
-            if more is not None and more.value - PRICE * len(more.lines) > value + 1.0:
+            if more is not None and self._worth(more) > value + 1.0:
                 return more
         return None
 

@@ -129,6 +129,19 @@ def test_a_wall_in_the_wrong_place_is_exchanged_for_the_right_one():
     assert mended.value == pytest.approx(right.value, abs=0.5)
 
 
+@pytest.mark.parametrize('turn', [1e-4, 5e-4, 1e-3])
+def test_a_wall_that_is_given_twice_comes_out_once(turn):
+    """What the second one explains of the little that no polygon does is more than an edge's price here."""
+    search, truth = in_room(random_scene(295, 6))
+    corners = corners_of(truth)[1]
+    middle, angles = (corners[5] + corners[0]) / 2.0, truth[5, 1] + np.array([-turn, turn])
+    twice = np.column_stack((np.cos(angles) * middle[0] + np.sin(angles) * middle[1], angles))
+    model = search.power.initial(1.0).with_lines(np.vstack((truth[:5], twice)))
+    found = finished(search.settle(search.power.refine(model, 5, 6)[0]))
+    np.testing.assert_allclose(found.lines, truth, atol=1e-3)
+    assert found.explained > EXPLAINED
+
+
 @pytest.mark.parametrize(('seed', 'edges'), [(0, 4), (1, 5), (2, 6), (3, 4)])
 def test_right_angled_rooms_are_explained(seed, edges):
     """Where two images of a corner stand in one place, they count as one."""
