@@ -296,7 +296,7 @@ def strongest_chords(
     normals = np.column_stack((np.cos(theta), np.sin(theta)))
     low = (data.positions @ normals.T).max(axis=0)
     high = np.minimum((corners @ normals.T).max(axis=0), low + data.range_max_m)  # corners may be very far
-    count = int(np.ceil((high - low).max() / data.cell_m)) + 1
+    count = int(np.ceil(max((high - low).max(), 0.0) / data.cell_m)) + 1  # pings may be outside of the polygon
     r = low[:, None] + (0.5 + np.arange(count)) * data.cell_m
     lines = np.column_stack((r.ravel(), np.repeat(theta, count)))
     evidence = foot_evidence(data, expected, strength)

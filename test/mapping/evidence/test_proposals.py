@@ -189,6 +189,14 @@ def test_a_corner_that_was_cut_off_is_proposed(hear, pentagon, inside):
         assert np.any((offset < 0.006) & (angle < 0.02))
 
 
+def test_nothing_cuts_a_polygon_between_the_pings(hear, pentagon, inside):
+    """As where the odometry jumps by metres, and what was found before lies amid the places."""
+    heard = hear(pentagon, inside(pentagon, 30), order=1)
+    expected = np.ones((1, heard.data.power.shape[1]))
+    small = heard.data.positions.mean(axis=0) + 0.02 * (pentagon - pentagon.mean(axis=0))
+    assert strongest_chords(heard.data, expected, 1.0, small, 8).shape == (0, 2)
+
+
 def test_annealing_finds_the_best_subset_and_the_same_again(in_pentagon):
     """Nine candidates, of which all subsets are tried with shapely-free brute force over their clipped edges."""
     data = in_pentagon.data
