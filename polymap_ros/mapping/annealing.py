@@ -39,7 +39,7 @@ def cost_of(cells: NDArray[np.int64], landscape: Landscape) -> float:
     total = 0.0
     for k in range(cells.shape[0]):
         lines[k, 0], lines[k, 1] = landscape.r_m[cells[k, 0]], landscape.theta_rad[cells[k, 1]]
-        total += landscape.likelihood[cells[k, 1], cells[k, 0]]
+        total += float(landscape.likelihood[cells[k, 1], cells[k, 0]])
     starts, along, _ = edges_of(lines)
     iou = iou_with_edges(landscape.points, landscape.ends, landscape.area, starts, along)
     return -(total + landscape.iou_weight * iou)
@@ -106,7 +106,7 @@ def anneal(
             cells[k, 0], cells[k, 1] = disturbed(r, theta, chi_r, chi_theta, landscape.likelihood, steps)
             changed = cost_of(cells, landscape)
             # Eq. (9), written so that a large decrease does not overflow.
-            if changed <= cost or draws[i, k, 2] < np.exp((cost - changed) / temperature):
+            if draws[i, k, 2] < np.exp(min(cost - changed, 0.0) / temperature):
                 cost = changed
             else:
                 cells[k, 0], cells[k, 1] = r, theta

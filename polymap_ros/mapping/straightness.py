@@ -18,9 +18,9 @@ def path_half_width(snapshot: Snapshot) -> float | None:
     """Half the width [m] of a path too straight to tell sides, else None."""
     if len(snapshot.positions) == 0:
         return None
-    middle, along = path_axis(snapshot.positions)
-    offsets = _without_few(snapshot.positions) - middle
-    length, width = np.ptp(offsets @ along), np.ptp(offsets @ (-along[1], along[0]))
+    most = _without_few(snapshot.positions)
+    _, along = _axis(most)
+    length, width = np.ptp(most @ along), np.ptp(most @ (-along[1], along[0]))
     step = snapshot.r_m[1] - snapshot.r_m[0]
     return float(width / 2.0) if width <= max(step, STRAIGHTNESS * length) else None
 

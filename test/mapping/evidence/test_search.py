@@ -151,6 +151,16 @@ def test_right_angled_rooms_are_explained(seed, edges):
     assert found.explained > 0.98
 
 
+def test_power_explains_less_without_a_wall():
+    search, truth = in_room(random_scene(120, 5))
+    search.coherent = False
+    assert 0.95 < judged(search, truth).explained <= 1.0
+    fewer = [judged(search, np.delete(truth, wall, 0)) for wall in range(5)]
+    shares = [found.explained for found in fewer if found is not None]
+    assert len(shares) > 1
+    assert max(shares) < 0.9
+
+
 @pytest.mark.parametrize(('seed', 'edges'), [(0, 3), (1, 4), (2, 5), (3, 6)])
 def test_a_second_mode_is_not_explained(seed, edges):
     doubtful = KINDS['mode_-10db'].make(seed, edges)
