@@ -57,7 +57,6 @@ class PaperSolver:
         """Forget the last solve; nothing of it is used by the next one."""
         self._snapshot: Snapshot | None = None
         self.costs = np.empty(0)
-        self._cells = np.empty((0, self._parameters.max_edges, 2), np.int64)
 
     def begin(self, evidence: Evidence) -> None:
         """Draw the first state: r and theta of each line uniform over their axes."""

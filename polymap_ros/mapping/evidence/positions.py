@@ -77,9 +77,8 @@ def join(search: Search, found: Found, offsets: NDArray[np.float64]) -> Generato
     assert found.wave is not None, 'pings are moved by phase'
     cycle, reported, new = search.data.shortest_m, search.data.positions, np.isnan(offsets[:, 0])
     offsets = np.where(new[:, None], 0.0, offsets)
-    data = dataclasses.replace(search.data, positions=reported + offsets)
     if np.any(new):
-        come, deviation = data.chosen(new), found.misplaced_m
+        come, deviation = search.data.chosen(new), found.misplaced_m
         by_phase, far = _by_phase(found.wave), deviation > _IN_PHASE * cycle
         tried = [(_by_power(found.model), *each) for each in _POWER_STEPS if far]
         for shares, step, count in (*tried, *((by_phase, *each) for each in _WAVE_STEPS)):
@@ -87,7 +86,7 @@ def join(search: Search, found: Found, offsets: NDArray[np.float64]) -> Generato
             come = dataclasses.replace(come, positions=reported[new] + moves)
             offsets[new] = moves
     offsets, lines = anchored(reported, offsets, found.lines)
-    moved = search.over(dataclasses.replace(data, positions=reported + offsets))
+    moved = search.over(dataclasses.replace(search.data, positions=reported + offsets))
     better = yield from moved.again(found.moved_to(lines))
     deviation = max(float(np.sqrt(np.mean(offsets**2))), _WAVE_STEPS[-1][0] * cycle)
     return None if better is None else Placed(moved, better, deviation)

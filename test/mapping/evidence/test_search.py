@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.evaluation.trials import filled_mapper
+from polymap_ros.mapping.comparison import compare
 from polymap_ros.mapping.evidence import data as data_module
 from polymap_ros.mapping.evidence.certainty import certainty_of
 from polymap_ros.mapping.evidence.paths import corners_of
@@ -127,6 +128,28 @@ def test_a_wall_in_the_wrong_place_is_exchanged_for_the_right_one():
     mended = finished(search.mended(wrong))
     np.testing.assert_allclose(mended.lines, right.lines, atol=1e-5)
     assert mended.value == pytest.approx(right.value, abs=0.5)
+
+
+@pytest.mark.parametrize('cycles', [-1.0, -0.5, 0.5, 1.0])
+def test_a_wall_that_is_cycles_off_is_put_back(cycles):
+    """Of range; half a cycle turns the sign."""
+    search, truth = in_room(random_scene(120, 5))
+    right = judged(search, truth).wave
+    lines, reflection = right.lines.copy(), right.reflection.copy()
+    lines[2, 0] += cycles * np.pi / search.data.pulse.carrier
+    reflection[2] *= np.cos(2.0 * np.pi * cycles)
+    off = search.wave.evaluate(lines, reflection, right.phase, 5)
+    assert off.value < right.value - 100.0
+    back = finished(search._slipped(off, np.array([2])))
+    np.testing.assert_allclose(back.lines, right.lines, atol=1e-4)
+    assert finished(search._slipped(right, np.arange(5))) is None
+
+
+def test_as_many_edges_as_are_allowed_are_found():
+    scene = random_scene(120, 5)
+    found = filled_mapper(scene, Parameters().replaced({'solver.max_edges': 5})).solve()
+    assert found.status == 'closed'
+    assert compare(found.polygon.vertices, scene.vertices).right
 
 
 @pytest.mark.parametrize('turn', [1e-4, 5e-4, 1e-3])
