@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from polymap_ros.evaluation.trials import filled_mapper
-from polymap_ros.mapping.comparison import compare
 from polymap_ros.mapping.evidence import data as data_module
 from polymap_ros.mapping.evidence.certainty import certainty_of
 from polymap_ros.mapping.evidence.paths import corners_of
@@ -145,11 +144,14 @@ def test_a_wall_that_is_cycles_off_is_put_back(cycles):
     assert finished(search._slipped(right, np.arange(5))) is None
 
 
-def test_as_many_edges_as_are_allowed_are_found():
-    scene = random_scene(120, 5)
-    found = filled_mapper(scene, Parameters().replaced({'solver.max_edges': 5})).solve()
-    assert found.status == 'closed'
-    assert compare(found.polygon.vertices, scene.vertices).right
+def test_as_many_edges_as_are_allowed_are_found_by_power_and_no_more():
+    search, truth = in_room(random_scene(120, 5))
+    for most in (4, 5):
+        limited = Search(search.data, most, np.random.default_rng(1))
+        first = limited.power.initial(1.0).with_lines(np.delete(truth, [0], 0))
+        found = finished(limited.improve(limited.power.refine(first, 2, 6)[0], 3, residual=True))
+        assert len(found.lines) == most
+    np.testing.assert_allclose(found.lines, truth, atol=5e-3)
 
 
 @pytest.mark.parametrize('turn', [1e-4, 5e-4, 1e-3])
