@@ -278,7 +278,7 @@ def _anneal(
             trial[slot] = pick
         value = _subset_score(lines, trial, m, box, corners, labels, spare, spare_labels, positions, evidence, cell,
                               price)
-        if value >= score or draws[step, 3] < np.exp((value - score) / temperature):
+        if draws[step, 3] < np.exp(min(value - score, 0.0) / temperature):
             chosen[:] = trial
             count, score = m, value
             if score > best_score:

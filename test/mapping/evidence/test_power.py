@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.acoustics.image_sources import visible_images
-from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
+from polymap_ros.mapping.evidence.power import Model, PowerLikelihood, _cells_near
 from polymap_ros.mapping.lines import half_plane_polygon
 
 
@@ -82,6 +82,13 @@ def test_equals_brute_force_in_a_triangle_full_of_reverses(hear, triangle, insid
     assert np.sum(np.diff(half) < 1e-9) >= 3  # pairs of equal length
     likelihood = PowerLikelihood(heard.data)
     assert likelihood(model, 3) == pytest.approx(log_likelihood(heard.data, model, 3), rel=1e-4)
+
+
+def test_the_cells_near_an_echo_are_all_and_no_others():
+    generator = np.random.default_rng(1)
+    for half, reach in generator.uniform(0.0, 1.0, (200, 2)):
+        low, high = _cells_near(half, reach, 0.1, 3, 9)
+        assert list(range(low, high)) == [cell for cell in range(3, 9) if abs(0.1 * cell - half) <= reach]
 
 
 def test_what_bounds_no_polygon_has_no_likelihood(in_pentagon, cut):

@@ -197,31 +197,68 @@ def test_nothing_cuts_a_polygon_between_the_pings(hear, pentagon, inside):
     assert strongest_chords(heard.data, expected, 1.0, small, 8).shape == (0, 2)
 
 
+def score_of(data, lines, evidence, price):
+    """First-order evidence of a subset of lines on its clipped edges, less the price."""
+    def score(subset):
+        corners, labels = cut(lines[list(subset)], 2.0 * (data.range_max_m + data.extent_m))
+        if len(corners) < 3:
+            return -1e12
+        total = -price * len(subset)
+        for start, end, label in zip(corners, np.roll(corners, -1, axis=0), labels, strict=True):
+            if label >= 0:
+                line = lines[subset[label]]
+                ends = (start @ unit(line[1])[1], end @ unit(line[1])[1])
+                total += foot_sum(line, ends, data.positions, evidence, data.cell_m)
+        return total
+    return score
+
+
 def test_annealing_finds_the_best_subset_and_the_same_again(in_pentagon):
     """Nine candidates, of which all subsets are tried with shapely-free brute force over their clipped edges."""
     data = in_pentagon.data
     expected = np.ones((1, data.power.shape[1]))
     strength = first_strength(data, expected)
     candidates = strongest_lines(data, expected, strength, 9)
-    evidence, price, box = foot_evidence(data, expected, strength), 17.0, 2.0 * (data.range_max_m + data.extent_m)
-    best = (0.0, ())
-    for size in range(1, 7):
-        for subset in itertools.combinations(range(9), size):
-            corners, labels = cut(candidates.lines[list(subset)], box)
-            if len(corners) < 3:
-                continue
-            total = -price * size
-            for start, end, label in zip(corners, np.roll(corners, -1, axis=0), labels, strict=True):
-                if label >= 0:
-                    line = candidates.lines[subset[label]]
-                    ends = (start @ unit(line[1])[1], end @ unit(line[1])[1])
-                    total += foot_sum(line, ends, data.positions, evidence, data.cell_m)
-            best = max(best, (total, subset))
-    chosen = [annealed_subset(data, candidates, evidence, price, 6, 5000, np.random.default_rng(seed))
+    evidence = foot_evidence(data, expected, strength)
+    score = score_of(data, candidates.lines, evidence, 17.0)
+    subsets = itertools.chain(*(itertools.combinations(range(9), size) for size in range(1, 7)))
+    best = max(subsets, key=score)
+    chosen = [annealed_subset(data, candidates, evidence, 17.0, 6, 5000, np.random.default_rng(seed))
               for seed in (1, 1, 2)]
     np.testing.assert_array_equal(chosen[0], chosen[1])
     for each in chosen:
-        assert sorted(each) == list(best[1])
+        assert sorted(each) == list(best)
+
+
+@pytest.mark.parametrize(('steps', 'most'), [(40, 6), (80, 3), (150, 5)])
+def test_every_decision_of_the_annealing_is_that_of_an_oracle(steps, most, in_pentagon, some):
+    """Which replays its random numbers: a line, one of add, drop and exchange, a slot, and the acceptance."""
+    data = some(in_pentagon.data, np.arange(0, 40, 3))
+    expected = np.ones((1, data.power.shape[1]))
+    candidates = strongest_lines(data, expected, 100.0, 12)
+    evidence = foot_evidence(data, expected, 100.0)
+    score = score_of(data, candidates.lines, evidence, 17.0)
+    chances = np.cumsum(np.sqrt(candidates.evidence)) / np.sum(np.sqrt(candidates.evidence))
+    chosen, value, best, best_value = [], 0.0, [], 0.0
+    for step, (u_line, u_move, u_slot, u_accept) in enumerate(np.random.default_rng(1).random((steps, 4))):
+        line, slot, trial = int(np.sum(chances < u_line)), int(u_slot * len(chosen)), list(chosen)
+        if u_move < 0.35 and len(chosen) < most and line not in chosen:
+            trial.append(line)
+        elif 0.35 <= u_move < 0.6 and chosen:
+            trial[slot] = trial[-1]
+            trial.pop()
+        elif u_move >= 0.6 and chosen and line not in chosen:
+            trial[slot] = line
+        else:
+            continue
+        changed, temperature = score(trial), 30.0 ** (1.0 - step / steps)
+        if u_accept < np.exp(min(changed - value, 0.0) / temperature):
+            chosen, value = trial, changed
+            if value > best_value:
+                best, best_value = chosen, value
+    assert len(best) > 2
+    found = annealed_subset(data, candidates, evidence, 17.0, most, steps, np.random.default_rng(1))
+    assert found.tolist() == best
 
 
 def test_annealing_keeps_to_the_largest_number_and_to_nothing(in_pentagon):
