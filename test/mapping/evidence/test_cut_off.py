@@ -9,15 +9,6 @@ from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 
 
-def last(steps):
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            return done.value
-
-
 def searching(heard):
     """A search over what was heard, and the true walls as its answer."""
     search = Search(heard.data, 10, np.random.default_rng(1))
@@ -43,31 +34,31 @@ def test_cuts_take_shares_of_the_shorter_edge_away_on_both_sides(hear, pentagon,
 
 
 @pytest.mark.parametrize('corner', range(5))
-def test_a_silent_wall_across_a_corner_is_told_by_what_is_missing(corner, hear, pentagon, inside):
+def test_a_silent_wall_across_a_corner_is_told_by_what_is_missing(corner, hear, pentagon, inside, finished):
     ends = [pentagon[corner] + 0.4 * (pentagon[(corner + step) % 5] - pentagon[corner]) for step in (-1, 1)]
     room = np.insert(np.delete(pentagon, corner, 0), corner, ends, axis=0)
     reflection = np.where(np.arange(6) == corner, 0.0, 1.0)
     places = inside(room, 40)
     search, found = searching(hear(pentagon, places))
-    assert not last(is_cut_off(search, found))
+    assert not finished(is_cut_off(search, found))
     missing = hear(room, places, reflection=reflection)
     silent = Search(missing.data, 10, np.random.default_rng(1))
     walls = silent.power.initial(1.0).with_lines(missing.lines[missing.reflection > 0.0])
-    assert last(is_cut_off(silent, silent.judge(walls)))
+    assert finished(is_cut_off(silent, silent.judge(walls)))
 
 
-def test_of_a_room_heard_from_everywhere_no_corner_is_unheard(hear, pentagon, inside):
+def test_of_a_room_heard_from_everywhere_no_corner_is_unheard(hear, pentagon, inside, finished):
     search, found = searching(hear(pentagon, inside(pentagon, 40)))
-    assert last(unheard_corners(search, found)) == {}
+    assert finished(unheard_corners(search, found)) == {}
 
 
 @pytest.mark.parametrize('end_m', [0.3, 0.8, 1.2])
-def test_as_much_of_a_tip_is_told_as_can_be_cut_off_unheard(end_m, hear):
+def test_as_much_of_a_tip_is_told_as_can_be_cut_off_unheard(end_m, hear, finished):
     """A needle of 10 deg, whose tip sends nothing back: all up to the pings, to a factor of two."""
     needle = np.array([(0.0, -0.15), (1.7, 0.0), (0.0, 0.15)])
     places = np.column_stack((np.linspace(0.1, end_m, 30), 0.03 * np.sin(np.arange(30))))
     search, found = searching(hear(needle, places, snr_db=10.0))
-    [(tip, depth)] = last(unheard_corners(search, found)).items()
+    [(tip, depth)] = finished(unheard_corners(search, found)).items()
     np.testing.assert_allclose(found.lines[[tip - 1, tip], 1], np.pi / 2.0 * np.array((-1.0, 1.0)), atol=0.1)
     whole = hear(needle, places, snr_db=10.0, clean=True)
     half = 0.15 * depth / 1.7

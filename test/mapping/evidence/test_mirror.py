@@ -23,37 +23,28 @@ def searching(heard, lines=None):
     return search, search.judge(search.power.initial(1.0).with_lines(lines))
 
 
-def last(steps):
-    """What a generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            return done.value
-
-
 @pytest.mark.parametrize('half_width', [0.01, 0.25])
-def test_a_symmetric_room_has_no_other_image(half_width, hear):
+def test_a_symmetric_room_has_no_other_image(half_width, hear, finished):
     search, found = searching(hear(RECTANGLE, oval(0.45, half_width), snr_db=10.0))
-    assert last(mirror_image(search, found, False)) is None
+    assert finished(mirror_image(search, found, False)) is None
 
 
-def test_a_winding_path_leaves_no_image(hear, pentagon, inside):
+def test_a_winding_path_leaves_no_image(hear, pentagon, inside, finished):
     search, found = searching(hear(pentagon, inside(pentagon, 40)))
-    assert last(mirror_image(search, found, False)) is None
+    assert finished(mirror_image(search, found, False)) is None
 
 
-def test_from_a_narrow_path_the_image_is_near_and_worth_less(hear, triangle):
+def test_from_a_narrow_path_the_image_is_near_and_worth_less(hear, triangle, finished):
     path = np.array((0.55, 0.3)) + oval(0.25, 0.008)
     search, found = searching(hear(triangle, path))
-    other = last(mirror_image(search, found, False))
+    other = finished(mirror_image(search, found, False))
     expected = mirrored_lines(found.lines, path.mean(axis=0), (1.0, 0.0))
     np.testing.assert_allclose(other.lines, expected[np.argsort(expected[:, 1])], atol=0.01)
     assert TOO_LITTLE * found.value < other.value < found.value
 
 
 @pytest.mark.parametrize(('aside', 'turned'), [(0, 0), (3, 0), (0, -4), (2, 3), (-3, 2), (-1, -4)])
-def test_of_an_answer_that_is_an_image_about_another_line_the_truth_is_found(aside, turned, hear, triangle):
+def test_of_an_answer_that_is_an_image_about_another_line_the_truth_is_found(aside, turned, hear, triangle, finished):
     """In steps of half a pulse's width, across at the path's middle and at its ends."""
     path = np.array((0.55, 0.3)) + oval(0.25, 0.04)
     heard = hear(triangle, path)
@@ -61,6 +52,6 @@ def test_of_an_answer_that_is_an_image_about_another_line_the_truth_is_found(asi
     angle = 2.0 * turned * step / np.ptp(path[:, 0])
     wrong = mirrored_lines(heard.lines, path.mean(axis=0) + (0.0, aside * step), (np.cos(angle), np.sin(angle)))
     search, found = searching(heard, wrong)
-    other = last(mirror_image(search, found, True))
+    other = finished(mirror_image(search, found, True))
     assert other.value > found.value
     np.testing.assert_allclose(other.lines, heard.lines, atol=4e-3)

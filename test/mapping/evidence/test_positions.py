@@ -11,7 +11,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.evidence.positions import anchored, drift
+from polymap_ros.mapping.evidence.positions import _moves, anchored, drift
 from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.lines import half_plane_polygon, polygon_lines
 from polymap_ros.mapping.mapper import PolygonMapper
@@ -57,6 +57,21 @@ def test_with_positions_5_mm_off_the_room_is_known_to_a_tenth_of_that(edges, see
     assert found.length_stds_m.max() < 5e-4
     shift = np.linalg.norm(np.mean(estimate.polygon.vertices, axis=0) - np.mean(scene.vertices, axis=0))
     assert 1e-4 < shift < 4.0 * 5e-3 / np.sqrt(len(scene.poses)) * 1.5
+
+
+@pytest.mark.parametrize('step_m', [1e-3, 4e-3])
+def test_every_ping_is_moved_to_its_most_likely_place(step_m, hear, pentagon, inside, finished):
+    """By two Gaussians, one of them about the reported place; on a grid about the place of today."""
+    heard, generator = hear(pentagon, inside(pentagon, 30), order=1), np.random.default_rng(2)
+    today = heard.data.positions
+    reported, told = (today + generator.normal(0.0, 2e-3, (30, 2)) for _ in range(2))
+    steps = _moves(heard.data, reported, lambda data: -0.5 * np.sum((data.positions - told) ** 2, axis=1) / 1e-3**2,
+                   step_m, 3, 2e-3)
+    offsets, deviation = finished(steps)
+    best = (4.0 * told + reported) / 5.0
+    nearest = today + np.clip(np.round((best - today) / step_m), -3, 3) * step_m
+    np.testing.assert_allclose(reported + offsets, nearest, atol=1e-12)
+    assert deviation == pytest.approx(max(np.sqrt(np.mean(offsets**2)), step_m))
 
 
 def test_moves_of_noise_are_told_from_those_of_a_drift():

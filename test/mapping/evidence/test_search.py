@@ -21,15 +21,6 @@ from polymap_ros.simulation.doubtful_scenes import KINDS
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
 
 
-def finished(steps):
-    """What a generator returns in the end."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            return done.value
-
-
 def in_room(scene, clean=None):
     """A search over what a scene's pings hear, and the true lines in its frame, sorted by theta."""
     mapper = filled_mapper(scene, Parameters(), clean)
@@ -113,7 +104,7 @@ def test_active_lines_have_no_edge_of_the_shortest_length_or_below():
     assert slivers > 20
 
 
-def test_a_wall_in_the_wrong_place_is_exchanged_for_the_right_one():
+def test_a_wall_in_the_wrong_place_is_exchanged_for_the_right_one(finished):
     """At -10 dB, by trying all lines in the place of one edge."""
     search, truth = in_room(dataclasses.replace(random_scene(36, 7), snr_db=-10.0))
     right = judged(search, truth)
@@ -130,7 +121,7 @@ def test_a_wall_in_the_wrong_place_is_exchanged_for_the_right_one():
 
 
 @pytest.mark.parametrize('cycles', [-1.0, -0.5, 0.5, 1.0])
-def test_a_wall_that_is_cycles_off_is_put_back(cycles):
+def test_a_wall_that_is_cycles_off_is_put_back(cycles, finished):
     """Of range; half a cycle turns the sign."""
     search, truth = in_room(random_scene(120, 5))
     right = judged(search, truth).wave
@@ -144,7 +135,7 @@ def test_a_wall_that_is_cycles_off_is_put_back(cycles):
     assert finished(search._slipped(right, np.arange(5))) is None
 
 
-def test_as_many_edges_as_are_allowed_are_found_by_power_and_no_more():
+def test_as_many_edges_as_are_allowed_are_found_by_power_and_no_more(finished):
     search, truth = in_room(random_scene(120, 5))
     for most in (4, 5):
         limited = Search(search.data, most, np.random.default_rng(1))
@@ -155,7 +146,7 @@ def test_as_many_edges_as_are_allowed_are_found_by_power_and_no_more():
 
 
 @pytest.mark.parametrize('turn', [1e-4, 5e-4, 1e-3])
-def test_a_wall_that_is_given_twice_comes_out_once(turn):
+def test_a_wall_that_is_given_twice_comes_out_once(turn, finished):
     """What the second one explains of the little that no polygon does is more than an edge's price here."""
     search, truth = in_room(random_scene(295, 6))
     corners = corners_of(truth)[1]
@@ -195,7 +186,7 @@ def test_a_second_mode_is_not_explained(seed, edges):
     assert 0.85 < found.explained < EXPLAINED - search.uncertainty
 
 
-def test_without_phase_no_edge_is_certain_that_should_have_one():
+def test_without_phase_no_edge_is_certain_that_should_have_one(finished):
     """Walls are worth as many nats by power alone, whether the echoes carry a phase that disagrees or none."""
     search, truth = in_room(random_scene(120, 5))
     found = judged(search, truth)
@@ -206,7 +197,7 @@ def test_without_phase_no_edge_is_certain_that_should_have_one():
     assert np.all(finished(certainty_of(search, by_power)).likelihood > 0.99)
 
 
-def test_an_edge_whose_r_is_vague_is_not_certain():
+def test_an_edge_whose_r_is_vague_is_not_certain(finished):
     """The same waveform, as if its echoes told a millionth of what they do about one wall."""
     search, truth = in_room(random_scene(120, 5))
     found = judged(search, truth)
