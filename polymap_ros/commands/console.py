@@ -2,7 +2,9 @@
 
 import argparse
 import functools
+import io
 import os
+import resource
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator
@@ -110,7 +112,12 @@ def repeat(said: Said) -> None:
         for line in said.out:
             tell(line)
         for line in said.err:
-            print(line, file=sys.stderr, flush=True)
+            print(_visible(line), file=sys.stderr, flush=True)
+
+
+def _visible(text: str) -> str:
+    """Lines without what moves a terminal's cursor or changes its colours: names in a recording may hold it."""
+    return ''.join(each if each.isprintable() or each == '\n' else f'\\x{ord(each):02x}' for each in text)
 
 
 def complain(program: str, text: str) -> None:
@@ -119,7 +126,7 @@ def complain(program: str, text: str) -> None:
     if said := _SAID.get():
         said.err.append(line)
     else:
-        print(line, file=sys.stderr, flush=True)
+        print(_visible(line), file=sys.stderr, flush=True)
 
 
 def tell_compiling(program: str) -> None:
@@ -141,7 +148,7 @@ def tell(text: str) -> None:
         said.out.append(text)
         return
     try:
-        print(text, flush=True)
+        print(_visible(text), flush=True)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -164,6 +171,11 @@ def execute(program: str, job: Callable[[], int]) -> int:
     # A stream that the caller closed is None.
     sys.stdout, sys.stderr = (stream or Path(os.devnull).open('w', encoding='utf-8')  # noqa: SIM115
                               for stream in (sys.stdout, sys.stderr))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal has no letters for is told all the same
+            stream.reconfigure(errors='backslashreplace')
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
     before = signal.signal(signal.SIGTERM, _terminate)
     try:
         return attempt(program, job)

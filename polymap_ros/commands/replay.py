@@ -132,7 +132,7 @@ def _folders(recordings: Sequence[Path], output: Path) -> dict[Path, Path]:
 def _spare(folders: dict[Path, Path], parameter_file: Path | None) -> None:
     """Refuse to write where results would take the place of what is read."""
     from polymap_ros.recordings.layout import layout_of
-    from polymap_ros.results.folder import NAMES
+    from polymap_ros.results.folder import NAMES, holds_foreign
 
     read = [parameter_file] if parameter_file else []
     for recording in folders:
@@ -140,6 +140,9 @@ def _spare(folders: dict[Path, Path], parameter_file: Path | None) -> None:
             read += layout_of(recording).files
     kept = {path.resolve() for path in read}
     for folder in folders.values():
+        if foreign := holds_foreign(folder):
+            raise UsageError(f'{folder}: holds {", ".join(foreign)} and no polygon.json, so that is not of an earlier '
+                             'run, and the results would take its place; choose another --output')
         for name in NAMES:
             if (folder / name).resolve() in kept:
                 raise UsageError(f'{folder / name}: is read, and the results would take its place; choose another '
@@ -235,11 +238,13 @@ def _make_mapper(parameters: Parameters) -> 'PolygonMapper':
     """A fresh mapper, or one that continues the saved state of `output.load_path`."""
     from polymap_ros.mapping.mapper import PolygonMapper
     from polymap_ros.pulse_file import read_pulse
-    from polymap_ros.results.arrays import read_state
+    from polymap_ros.results.arrays import naming, read_state
 
     pulse = read_pulse(parameters)
-    if parameters.output.load_path:
-        return PolygonMapper.from_state(parameters, read_state(Path(parameters.output.load_path)), pulse)
+    if path := parameters.output.load_path:
+        state = read_state(Path(path))
+        with naming(path):
+            return PolygonMapper.from_state(parameters, state, pulse)
     return PolygonMapper(parameters, pulse)
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import ParameterError, StateError
 from polymap_ros.jit import kernel
+from polymap_ros.mapping.state import whole_number
 from polymap_ros.parameters import GridParameters
 
 _BLOCK = 64
@@ -103,7 +104,7 @@ class BeamformingMap:
             raise StateError(f'the beamforming map has {total.shape} cells; the grid has {self._total.shape}')
         if not (np.all(np.isfinite(total)) and np.all(np.isfinite(recent))):
             raise StateError('the beamforming map is not finite')
-        self._total, self._recent, self.count = total, recent, int(state['count'])
+        self._total, self._recent, self.count = total, recent, whole_number(state['count'])
 
 
 @kernel

@@ -7,6 +7,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.errors import StateError
+from polymap_ros.mapping.pose import FARTHEST_M
 from polymap_ros.mapping.region import Region
 
 QUADRANT_SEGMENTS = 16
@@ -14,6 +15,9 @@ QUADRANT_SEGMENTS = 16
 
 _INNER = float(np.cos(np.pi / (4 * QUADRANT_SEGMENTS)))
 """Radius of the largest circle within such a polygon, as a share of the disc's."""
+
+_LEAST_M = 1e-6
+"""Radius of a disc at least: a range axis has no finer step, and GEOS makes no disc of the smallest numbers."""
 
 _BLOCK = 64
 """Discs united at a time. The same discs in the same order give the same shape, whenever it is looked at."""
@@ -34,7 +38,7 @@ class FreeArea:
 
     def add(self, x: float, y: float, rho: float, confidence: float = 1.0) -> None:
         """Add the disc of one ping [m]; a ping without a closest range (nan) adds none. Confidence does not matter."""
-        if not rho > 0.0:
+        if not rho >= _LEAST_M:
             return
         self._discs.append((x, y, rho))
         self._region = None
@@ -100,4 +104,7 @@ class FreeArea:
         sound = united.geom_type in ('Polygon', 'MultiPolygon') and united.is_valid
         if not sound or discs.ndim != 2 or discs.shape[1] != 3 or not np.all(np.isfinite(discs)):
             raise StateError('the free area is not made of polygons and discs')
+        sizes = np.abs([*discs.ravel(), *shapely.get_coordinates(united).ravel()])
+        if np.any(discs[:, 2] < _LEAST_M) or sizes.max(initial=0.0) > 3.0 * FARTHEST_M:
+            raise StateError('the free area holds discs or corners of a size that no echo has')
         self._united, self._discs, self._region = united, [tuple(row) for row in discs.tolist()], None

@@ -15,6 +15,7 @@ from polymap_ros.errors import BadPing, StateError
 from polymap_ros.mapping.packed_pings import packed_pings, unpacked_pings
 from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.pose_track import PoseTrack
+from polymap_ros.mapping.state import whole_number
 
 _REMEMBERED = 1024
 """Times of emission kept at least before those too old to matter are forgotten."""
@@ -150,8 +151,8 @@ class PingQueue:
 
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
-        received, used = (int(number) for number in state['counts'])
-        dropped = dict(zip(state['reasons'].tolist(), state['dropped'].tolist(), strict=True))
+        received, used = map(whole_number, state['counts'])
+        dropped = dict(zip(state['reasons'].tolist(), map(whole_number, state['dropped']), strict=True))
         pings = unpacked_pings(state, 'waiting_')
         if received != used + sum(dropped.values()) + len(pings):
             raise StateError(f'{received} pings received are not {used} used, {sum(dropped.values())} dropped and '

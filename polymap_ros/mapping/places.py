@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
 from polymap_ros.mapping.pose import FARTHEST_M
+from polymap_ros.mapping.state import whole_number
 
 MOST = 4096
 """Rows kept: nearly seven minutes at 10 Hz before the first two pings share one."""
@@ -82,7 +83,7 @@ class Places:
         if rows.ndim != 2 or rows.shape[1] != 3 or len(rows) > MOST:
             raise StateError(f'the places have shape {rows.shape}; allowed: at most {MOST} rows of 3')
         if not (np.all(np.abs(rows[:, :2]) <= 2.0 * FARTHEST_M) and np.all(rows[:, 2] >= 1.0)
-                and np.all(np.isfinite(rows)) and 0.0 <= cell_m <= FARTHEST_M):
+                and rows[:, 2].sum() < 2.0**53 and 0.0 <= cell_m <= FARTHEST_M):
             raise StateError('the places are not those of a sensor')
         self._rows[:len(rows)], self._used, self._cell_m = rows, len(rows), cell_m
-        self.count, self.last_ns = int(rows[:, 2].sum()), int(state['last_ns'])
+        self.count, self.last_ns = int(rows[:, 2].sum()), whole_number(state['last_ns'], -2**62)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from polymap_ros.errors import BadPing, StateError
 from polymap_ros.mapping.plane import XY, Placed, SpatialPose
 from polymap_ros.mapping.pose import FARTHEST_M, Pose
+from polymap_ros.mapping.state import whole_number
 from polymap_ros.parameters import OdometryParameters
 
 _NS = 1_000_000_000
@@ -173,7 +174,7 @@ class PoseTrack:
     def restore(self, state: dict[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
         stamps, poses = np.asarray(state['stamps_ns'], np.int64), np.asarray(state['poses'], float)
-        held, outliers = int(state['held']), int(state['outliers'])
+        held, outliers = whole_number(state['held']), whole_number(state['outliers'])
         if stamps.ndim != 1 or poses.shape != (len(stamps), 5) or np.any(stamps[1:] <= stamps[:-1]):
             raise StateError('the poses do not match their stamps')
         if not (np.all(np.isfinite(poses)) and np.all(np.abs(poses[:, :3]) <= FARTHEST_M)):

@@ -1,6 +1,7 @@
 """A mapper's state as one flat table of arrays, and the check that it may be continued."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,9 @@ from polymap_ros.mapping.pose import FARTHEST_M, Pose
 from polymap_ros.parameters import Parameters
 
 VERSION = 3
+
+_MOST = 2**62
+"""Sums of a few numbers up to this have 64 bits, and pings of a thousand years are fewer."""
 
 MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'free_area.', 'echo.kind', 'echo.t0_s',
              'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')
@@ -34,7 +38,7 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
     StateError
         If the version is unknown or a parameter that matters has changed.
     """
-    if int(state['version']) != VERSION:
+    if whole_number(state['version']) != VERSION:
         raise StateError(f'the state has version {state["version"]}; allowed: {VERSION}')
     then, now = dict(state['parameters'].tolist()), _mattering(parameters)
     for name in sorted(then.keys() | now.keys()):
@@ -46,6 +50,14 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
         part, _, name = key.partition('.')
         parts.setdefault(part, {})[name] = array
     return parts
+
+
+def whole_number(value: Any, least: int = 0) -> int:
+    """A number that can be counted to, of an array's one element; `StateError` for any other."""
+    number = np.asarray(value)
+    if number.shape != () or number.dtype.kind not in 'iu' or not least <= int(number) <= _MOST:
+        raise StateError(f'{number!r} is not a whole number from {least} to {_MOST}')
+    return int(number)
 
 
 def packed_frame(frame_id: str, start: Pose | None, plane: Plane | None) -> Part:

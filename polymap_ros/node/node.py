@@ -12,6 +12,7 @@ from std_srvs.srv import SetBool, Trigger
 from polymap_ros.errors import BadOdometry, BadPing
 from polymap_ros.jit import when_compiling
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.mapping.plane import SpatialPose
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import check_echo_fields
@@ -30,7 +31,7 @@ from polymap_ros.node.solving import SolveLoop
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import NODE_NAME, Parameters
 from polymap_ros.pulse_file import read_pulse
-from polymap_ros.results.arrays import read_state
+from polymap_ros.results.arrays import naming, read_state
 
 CHORES_S = 1.0
 HEARTBEAT_S = 10.0
@@ -65,9 +66,10 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._stopwatch = Stopwatch()
         self._later = Later(self, self._stopwatch)
         self._background = Background(self._later, self._go_on)
-        if parameters.output.load_path:
-            state = read_state(Path(parameters.output.load_path))
-            self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background, PINGS_AT_ONCE)
+        if path := parameters.output.load_path:
+            state = read_state(Path(path))
+            with naming(path):
+                self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background, PINGS_AT_ONCE)
         else:
             self._mapper = PolygonMapper(parameters, pulse, self._background, PINGS_AT_ONCE)
         self._sensor_frame = SensorFrame(self) if parameters.sensor.from_tf else None
@@ -88,6 +90,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver, watch)
         self._diagnostics = Diagnostics(self, parts)
         self._chores_done = 0
+        self._back: tuple[int, str, SpatialPose] | None = None  # odometry that alone says that time went back
         self.create_timer(CHORES_S, self._do_chores, clock=steady)
         self._offer_services()
         self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
@@ -114,11 +117,30 @@ class PolymapNode(Node):  # type: ignore[misc]
             return
         if self._sensor_frame is not None:
             self._sensor_frame.base = message.child_frame_id
+        back_s = self._behind_s(stamp_ns)
+        is_back = back_s > self._live.current.odometry.max_gap_s and frame_id == self._mapper.frame_id
+        first, self._back = self._back, None
+        if is_back and self._mapper.resuming:
+            self.get_logger().warning(f'odometry begins {back_s:.3f} s before the loaded map ends: the map is kept and '
+                                      'goes on under another clock (odometry.on_jump_back)')
+        elif is_back and first is not None and stamp_ns > first[0]:
+            self._jumped_back(f'odometry went back by {self._behind_s(first[0]):.3f} s')
+            self._add_pose(*first)
+        else:
+            if first is not None:
+                self._refuse(f'one message was stamped {self._behind_s(first[0]):.3f} s before the newest, alone')
+            if is_back:  # a single wild stamp loses no map: the next one has to confirm that time began anew
+                self._back = stamp_ns, frame_id, pose
+                return
+        self._add_pose(stamp_ns, frame_id, pose)
+
+    def _behind_s(self, stamp_ns: int) -> float:
+        """How far a stamp is before the newest odometry [s]; negative where it is after that."""
         newest_ns = self._mapper.newest_pose_ns
-        back_s = 0.0 if newest_ns is None else (newest_ns - stamp_ns) * 1e-9
-        if back_s > self._live.current.odometry.max_gap_s and frame_id == self._mapper.frame_id:
-            self._went_back(back_s)
-        outliers = self._mapper.outliers
+        return 0.0 if newest_ns is None else (newest_ns - stamp_ns) * 1e-9
+
+    def _add_pose(self, stamp_ns: int, frame_id: str, pose: SpatialPose) -> None:
+        back_s, outliers = self._behind_s(stamp_ns), self._mapper.outliers
         taken = self._mapper.add_pose(stamp_ns, pose, frame_id)
         if self._mapper.outliers > outliers:
             self._refuse('an odometry message was stamped far ahead of the next one and is left out')
@@ -180,13 +202,6 @@ class PolymapNode(Node):  # type: ignore[misc]
         else:
             self.get_logger().warning(f'{what}: what is older than the newest odometry is dropped '
                                       '(odometry.on_jump_back)', throttle_duration_sec=60.0)
-
-    def _went_back(self, back_s: float) -> None:
-        if self._mapper.resuming:
-            self.get_logger().warning(f'odometry begins {back_s:.3f} s before the loaded map ends: the map is kept and '
-                                      'goes on under another clock (odometry.on_jump_back)')
-        else:
-            self._jumped_back(f'odometry went back by {back_s:.3f} s')
 
     def _apply(self, parameters: Parameters) -> None:
         when_compiling(self.get_logger().info)  # another method may want other kernels

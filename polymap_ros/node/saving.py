@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from traceback import format_exception
 from typing import Any, NamedTuple
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -126,9 +127,12 @@ class Saver:
     def _note(self, future: 'Future[Path]') -> Path | None:
         try:
             folder = future.result()
-        except (OSError, PolymapError) as error:
+        except Exception as error:  # a full disk, or a fault of ours: the mapping goes on
             self.problem = f'cannot save: {error}'
-            self._node.get_logger().error(self.problem, throttle_duration_sec=10.0)
+            known = isinstance(error, (OSError, PolymapError))
+            self._node.get_logger().error(
+                self.problem if known else '\n'.join((self.problem, *format_exception(error))),
+                throttle_duration_sec=10.0)
             return None
         self.saved, self.problem = str(folder), ''
         return folder

@@ -11,7 +11,7 @@ from polymap_ros.errors import RecordingError
 from polymap_ros.plain_yaml import read_yaml
 
 SUFFIXES = ('.mcap', '.db3')
-_NEWEST, _MOST_BYTES = 9, 2**24
+_NEWEST, _MOST_BYTES = 9, 2**20
 _PART = re.compile(r'(.*)_\d+')
 
 
@@ -55,7 +55,7 @@ def layout_of(path: Path) -> Layout:
             raise RecordingError(f'{path}: cannot be read: a recording is a rosbag2 directory, or a file whose name '
                                  f'ends in {" or ".join(SUFFIXES)}')
         return Layout([path])
-    if not (path / 'metadata.yaml').exists():
+    if not (path / 'metadata.yaml').is_file():
         return _without_metadata(path, 'holds no metadata.yaml')
     try:
         return _by_metadata(path, _read(path / 'metadata.yaml'))
@@ -66,7 +66,7 @@ def layout_of(path: Path) -> Layout:
 
 def _without_metadata(path: Path, problem: str) -> Layout:
     """The parts of one recording, such as a power cut leaves them; other files may be of different recordings."""
-    files = sorted((file for file in path.iterdir() if file.suffix in SUFFIXES), key=_number)
+    files = sorted((file for file in path.iterdir() if file.suffix in SUFFIXES and file.is_file()), key=_number)
     if not files:
         raise RecordingError(f'{path}: {problem}; it is not a rosbag2 directory')
     names = {match[1] if (match := _PART.fullmatch(file.stem)) else file.stem for file in files}

@@ -4,13 +4,13 @@ rosbags and mcap's own readers give up where a file has no end, and rosbags unpa
 The records themselves are parsed by the package mcap. See https://mcap.dev/spec.
 """
 
+import heapq
+import itertools
 import struct
 import zlib
-from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator
 from io import BytesIO
-from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -86,21 +86,21 @@ class McapFile:
         """The sound messages of some topics within a half-open interval, by log time; see `faults` afterwards."""
         wanted = {number: (channel.topic, self._type_of(channel))
                   for number, channel in self._channels.items() if channel.topic in topics}
-        waiting: list[tuple[int, int, bytes]] = []
-        for piece in sorted(self._pieces):
-            if piece.end_ns < start_ns or piece.start_ns >= end_ns:
-                continue
-            done = bisect_left(waiting, piece.start_ns, key=itemgetter(0))
-            for log_ns, number, data in waiting[:done]:
+        waiting: list[tuple[int, int, int, bytes]] = []  # a heap, by log time and, where that is the same, as written
+        written, size = itertools.count(), 0
+        for piece in [*sorted(self._pieces), None]:
+            while waiting and (piece is None or waiting[0][0] < piece.start_ns):
+                log_ns, _, number, data = heapq.heappop(waiting)
+                size -= len(data)
                 yield RawMessage(log_ns, *wanted[number], data)
-            del waiting[:done]
-            waiting += [message for message in self._read(piece)
-                        if start_ns <= message[0] < end_ns and message[1] in wanted]
-            waiting.sort(key=itemgetter(0))
-            if (size := sum(len(data) for _, _, data in waiting)) > 4 * MOST_BYTES:
+            if piece is None or piece.end_ns < start_ns or piece.start_ns >= end_ns:
+                continue
+            for log_ns, number, data in self._read(piece):
+                if start_ns <= log_ns < end_ns and number in wanted:
+                    heapq.heappush(waiting, (log_ns, next(written), number, data))
+                    size += len(data)
+            if size > 4 * MOST_BYTES:
                 raise RecordingError(f'{self.path}: is out of order: more than {size} bytes of chunks of the same time')
-        for log_ns, number, data in waiting:
-            yield RawMessage(log_ns, *wanted[number], data)
 
     def _survey(self) -> None:
         """Find the chunks, and what lies outside of them; the chunks themselves are not read."""

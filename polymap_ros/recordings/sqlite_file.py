@@ -102,7 +102,7 @@ class SqliteFile:
                 "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND rootpage > 0 AND name = ?", (table,))
             if kind.fetchone() != (1,) or not columns <= found:
                 raise RecordingError(f'{self.path}: cannot be read: is no database of rosbag2')
-        self._rows = None if sound else self._sound_rows()
+        self._rows = None if sound and self._is_indexed() else self._sound_rows()
         self._topics = self._read_topics()
         if self._rows is None:
             counts = dict(self._database.execute('SELECT topic_id, count(*) FROM messages GROUP BY topic_id'))
@@ -111,7 +111,8 @@ class SqliteFile:
         else:
             counts = Counter(number for _, number, _ in self._rows)
             first, last = (self._rows[0][0], self._rows[-1][0]) if self._rows else (None, None)
-            self.faults.append(f'{self.path.name} is damaged: {len(self._rows)} messages are on sound pages')
+            where = 'read without its index, which lacks some' if sound else 'on sound pages'
+            self.faults.append(f'{self.path.name} is damaged: {len(self._rows)} messages are {where}')
             if not self._rows:
                 raise RecordingError(f'{self.path}: cannot be read: its pages are damaged, and no message can be '
                                      'rescued')
@@ -127,6 +128,12 @@ class SqliteFile:
                 raise
             self._database.execute('PRAGMA writable_schema = ON')  # opens what is shorter than its header says
             return False
+
+    def _is_indexed(self) -> bool:
+        """Whether the index, by which messages are read in the order of time, has all of them."""
+        numbers = [self._database.execute(f'SELECT count(*) FROM (SELECT timestamp FROM messages {how})').fetchone()
+                   for how in ('NOT INDEXED', 'ORDER BY timestamp')]
+        return bool(numbers[0] == numbers[1])
 
     def _read_topics(self) -> dict[int, Channel]:
         definitions: dict[str, tuple[str, str]] = {}

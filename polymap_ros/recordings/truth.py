@@ -25,7 +25,7 @@ def read_truth(recording: Path) -> NDArray[np.float64] | None:
         For a truth.json that is not ``{"vertices": [[x, y], ...]}`` with at least three corners.
     """
     path = truth_path(recording)
-    if not path.exists():
+    if not path.is_file():
         return None
     try:
         vertices = np.array(json.loads(path.read_text(encoding='utf-8'))['vertices'], dtype=float)

@@ -3,7 +3,8 @@
 import io
 import sys
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
@@ -42,6 +43,8 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
     """
     path = path / 'state.npz' if path.is_dir() else path
     problem = f'{path}: is no saved state, or a damaged one; allowed: state.npz of polymap_replay or ~/save'
+    if path.exists() and not path.is_file():  # a pipe would be waited for
+        raise StateError(problem)
     try:
         with path.open('rb') as stream:
             _check_archive(stream, path.stat().st_size)
@@ -60,6 +63,15 @@ def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
     if found != STATE_FORMAT:
         raise StateError(f'{path}: has format {found}; allowed: {STATE_FORMAT}')
     return state
+
+
+@contextmanager
+def naming(path: str) -> Iterator[None]:
+    """Let a `StateError` in the block tell the file."""
+    try:
+        yield
+    except StateError as error:
+        raise StateError(f'{path}: {error}') from error
 
 
 def _is_writable(array: NDArray[np.generic]) -> bool:

@@ -1,5 +1,7 @@
 """A result folder: all files of one run, together or not at all."""
 
+import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,15 +12,17 @@ POLYGON, STATE, MAP_IMAGE, MAP_YAML = 'polygon.json', 'state.npz', 'map.pgm', 'm
 PICTURE, SIGNALS, BEAM_MAP, RECORD = 'polygon.png', 'signals.png', 'beam_map.npz', 'result.mcap'
 CALIBRATION = 'calibration.yaml'
 EXPORTS = 'polygon.csv', 'polygon.geojson', 'polygon.dxf'
-NAMES = (STATE, MAP_IMAGE, MAP_YAML, PICTURE, SIGNALS, BEAM_MAP, RECORD, CALIBRATION, *EXPORTS, POLYGON)
+NAMES = (  # in the order in which they are moved into place
+    STATE, MAP_IMAGE, MAP_YAML, PICTURE, SIGNALS, BEAM_MAP, RECORD, CALIBRATION, *EXPORTS, POLYGON)
 
 
 @contextmanager
 def result_folder(folder: Path) -> Iterator[Path]:
     """Collect result files in a temporary folder and move them into `folder` at the end of the block.
 
-    An exception in the block leaves `folder` as it was. Results of an earlier run in `folder` are replaced, and
-    those the new run does not have are removed; other files stay. polygon.json comes last.
+    An exception in the block leaves `folder` as it was. A new folder appears with all its files at once. Results of an
+    earlier run are removed before those of this one are moved in, polygon.json last: where the process is killed
+    meanwhile, some are missing, but none are of another run. Other files stay.
 
     Raises
     ------
@@ -26,11 +30,25 @@ def result_folder(folder: Path) -> Iterator[Path]:
         Where `folder` cannot be written.
     """
     with staging(folder) as stage:
-        yield stage
+        files = stage / 'files'
+        files.mkdir()
+        yield files
+        if not folder.exists():
+            move_into_place(files, folder)
+            return
         folder.mkdir(exist_ok=True)
-        made = {path.name for path in stage.iterdir()}
-        for name in NAMES:
-            if name not in made:
+        for path in map(folder.joinpath, NAMES):
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        made = [name for name in NAMES if (files / name).exists()]
+        for name in reversed(NAMES):
+            if name not in made[:1]:  # which is replaced at once
                 (folder / name).unlink(missing_ok=True)
-        for name in sorted(made, key=lambda name: name == POLYGON):
-            move_into_place(stage / name, folder / name)
+        for name in made:
+            move_into_place(files / name, folder / name)
+
+
+def holds_foreign(folder: Path) -> list[str]:
+    """Names of files in the way of results that are not those of an earlier run, which has a state or a polygon."""
+    found = [name for name in NAMES if (folder / name).exists()]
+    return [] if {STATE, POLYGON} & set(found) else found

@@ -68,13 +68,14 @@ def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
         for i, ((x, y), length, length_std, angle, angle_std) in enumerate(columns)
     ]
     extent_m = max(np.ptp(polygon.vertices, axis=0))
+    shown = frame_id if frame_id.isprintable() else repr(frame_id)
     spread = f' +- {1e4 * sizes.area_std_m2:.2g} cm2' if np.isfinite(sizes.area_std_m2) else ''
     return [
         '  edge     x [m]     y [m]  length [m]  +- [mm]  corner [deg]  +- [deg]',
         *rows,
         *_edge_table(polygon.edges),
         f'area {sizes.area_m2:.6g} m2{spread}, extent {extent_m:.4g} m, corners counter-clockwise in '
-        f'{frame_id or "the odometry frame"}',
+        f'{shown or "the odometry frame"}',
     ]
 
 

@@ -2,7 +2,10 @@
 
 import dataclasses
 import json
+import os
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -90,6 +93,35 @@ def test_a_truth_that_is_none(call, altered, tmp_path):
     path = altered(lambda topic, index, message: [(topic, message)])
     (path / 'truth.json').write_text('{"vertices": "triangle"}')
     assert 'truth.json: is no ground truth' in refused(call, tmp_path, path)
+
+
+def test_files_that_are_not_of_an_earlier_run_are_not_replaced(call, triangle, tmp_path):
+    folder = tmp_path / 'site'
+    folder.mkdir()
+    for name in ('map.yaml', 'calibration.yaml'):
+        (folder / name).write_text('mine')
+    done = call('replay', *FAST, triangle, '--output', 'site')
+    assert done.status == 2
+    assert 'site: holds map.yaml, calibration.yaml and no polygon.json' in done.complaint
+    assert {path.name: path.read_text() for path in folder.iterdir()} == {
+        'map.yaml': 'mine', 'calibration.yaml': 'mine'}
+
+
+def test_a_frame_that_would_forge_lines_or_colours_does_not(altered, run, tmp_path):
+    """And one that the terminal has no letters for is told all the same."""
+    def renamed(topic, index, message):
+        if topic == '/odom':
+            message.header.frame_id = 'od\x1b[31m\nclosed: 3 edges \u00e4'
+        return [(topic, message)]
+
+    path = altered(renamed)
+    code = f'import sys; from polymap_ros.commands.replay import main; sys.exit(main([{str(path)!r}, *{FAST!r}]))'
+    done = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, capture_output=True, timeout=300, check=False,
+                          env=os.environ | {'PYTHONIOENCODING': 'ascii'})
+    assert done.returncode == 0, done.stderr
+    assert b'\x1b' not in done.stdout
+    assert done.stdout.count(b'\nclosed: ') == 0  # but for the first line
+    assert b'\\xe4' in done.stdout
 
 
 # Topics

@@ -4,6 +4,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -13,6 +15,8 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from polymap_ros.parameters import Parameters
+from polymap_ros.recordings.reading import Recording
+from polymap_ros.recordings.writing import RecordingWriter
 
 FAST = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=60')
 
@@ -22,6 +26,20 @@ def read_json(path):
         raise AssertionError(f'{name} is not JSON')
 
     return json.loads(path.read_text(encoding='utf-8'), parse_constant=refuse)
+
+
+def test_a_recording_may_have_more_parts_than_a_process_may_have_files_at_first(triangle, tmp_path):
+    (tmp_path / 'drive').mkdir()
+    with Recording.open(triangle) as recording:
+        for number, entry in enumerate(recording.messages()):
+            with RecordingWriter(tmp_path / 'drive' / f'run_{number}.mcap') as writer:
+                writer.write(entry.topic, entry.message, entry.log_ns)
+    code = ('import resource as r, sys; r.setrlimit(r.RLIMIT_NOFILE, (60, r.getrlimit(r.RLIMIT_NOFILE)[1])); '
+            'from polymap_ros.commands.replay import main; sys.exit(main(sys.argv[1:]))')
+    done = subprocess.run([sys.executable, '-c', code, 'drive', *FAST], cwd=tmp_path, capture_output=True, text=True,
+                          timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    assert 'odometry: 245 received, 245 used' in done.stdout
 
 
 @pytest.mark.parametrize('method', ['evidence', 'paper'])

@@ -148,7 +148,7 @@ def test_metadata_that_is_too_large(frugal, write_recording):
         file.truncate(100 * MEGABYTE)
     entries, cautions = read(path)
     assert len(entries) == 61
-    assert 'bytes, 16777216 are allowed' in cautions[0].text
+    assert 'bytes, 1048576 are allowed' in cautions[0].text
 
 
 def test_what_is_no_file_is_not_opened(tmp_path):
@@ -187,6 +187,36 @@ def test_times_that_are_none(write_recording):
     entries, cautions = read(path)
     assert len(entries) == 59
     assert {caution.code for caution in cautions} == {'recording_incomplete'}
+
+
+@pytest.mark.parametrize('name', ['metadata.yaml', 'truth.json', 'run_1.mcap'])
+def test_a_pipe_in_a_recordings_folder_is_not_waited_for(write_recording, tmp_path, name):
+    folder = tmp_path / 'folder'
+    folder.mkdir()
+    write_recording('run_0.mcap').rename(folder / 'run_0.mcap')
+    os.mkfifo(folder / name)
+    entries, _ = read(folder)
+    assert len(entries) == 61
+    assert read_truth(folder) is None
+
+
+def test_a_database_whose_index_lacks_messages_is_read_without_it(write_recording):
+    path = write_recording('run.db3')
+    connection = sqlite3.connect(path)
+    connection.execute('CREATE TABLE other (timestamp INTEGER)')
+    connection.execute('CREATE INDEX other_index ON other (timestamp)')
+    connection.execute('DROP INDEX IF EXISTS timestamp_idx')
+    connection.execute('CREATE INDEX timestamp_idx ON messages (timestamp)')
+    connection.execute('PRAGMA writable_schema = ON')
+    roots = dict(connection.execute("SELECT name, rootpage FROM sqlite_master WHERE type = 'index'"))
+    for name, other in (('timestamp_idx', 'other_index'), ('other_index', 'timestamp_idx')):
+        connection.execute('UPDATE sqlite_master SET rootpage = ? WHERE name = ?', (roots[other], name))
+    connection.commit()
+    connection.close()
+    entries, cautions = read(path)
+    assert len(entries) == 61
+    assert [caution.code for caution in cautions] == ['recording_damaged']
+    assert 'without its index' in cautions[0].text
 
 
 def test_a_truth_with_a_number_beyond_floats(tmp_path):
