@@ -135,6 +135,21 @@ def test_a_wall_that_is_cycles_off_is_put_back(cycles, finished):
     assert finished(search._slipped(right, np.arange(5))) is None
 
 
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_line_across_a_corner_slides_to_where_its_edge_is(sign, hear, inside):
+    """By up to a cycle of range, with the sign that the echoes have."""
+    room = np.array([(0.0, 0.0), (1.2, 0.0), (1.2, 0.72), (1.14, 0.8), (0.0, 0.8)])
+    reflection = np.array([1.0, 1.0, sign, 1.0, 1.0])
+    heard = hear(room, inside(room, 40), snr_db=10.0, reflection=reflection)
+    search = Search(heard.data, 10, np.random.default_rng(1))
+    across = int(np.argmin(np.abs(heard.lines[:, 1] - np.arctan2(0.06, 0.08))))
+    others = search.wave.refine(np.delete(heard.lines, across, 0), np.delete(heard.reflection, across), 0.0, 5)
+    cycle = np.pi / search.data.pulse.carrier
+    found = search._slid(others, heard.lines[across] + (0.6 * cycle, 0.0))
+    assert found.lines[across, 0] == pytest.approx(heard.lines[across, 0], abs=0.11 * cycle)
+    assert found.reflection[across] == sign
+
+
 def test_as_many_edges_as_are_allowed_are_found_by_power_and_no_more(finished):
     search, truth = in_room(random_scene(120, 5))
     for most in (4, 5):
