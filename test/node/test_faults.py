@@ -1,6 +1,8 @@
 """Cycles of random faults against a live node: it does not crash, nothing leaks, and its counters add up."""
 
 import os
+import subprocess
+import sys
 from itertools import count
 from pathlib import Path
 
@@ -39,7 +41,8 @@ class Faults:
         self.peer, self.random, self.numbers = peer, np.random.default_rng(seed), count()
         self.now_ns, self.shift, self.frame = 1000 * S, np.zeros(2), 'odom'
         self.sent = {'odometry': 0, 'echoes': 0}
-        self.odometry, self.echo = peer.publisher('/odom', ODOMETRY), peer.publisher('/echo', SCAN)
+        self.odometry = peer.publisher('/odom', ODOMETRY, subscribers=2)
+        self.echo = peer.publisher('/echo', SCAN, subscribers=2)
         self.kinds = [getattr(self, name) for name in (
             'drive', 'restart_odometry', 'restart_echoes', 'silence', 'silence_of_odometry', 'burst', 'back', 'ahead',
             'duplicates', 'jump', 'wild_poses', 'wild_pings', 'another_frame', 'change', 'pause', 'reset', 'save')]
@@ -70,7 +73,7 @@ class Faults:
         """What was sent before has arrived, so that the counts stay known."""
         assert publisher.wait_for_all_acked(Duration(seconds=10.0))
         self.peer.node.destroy_publisher(publisher)
-        return self.peer.publisher(topic, type_name)
+        return self.peer.publisher(topic, type_name, subscribers=2)
 
     def restart_odometry(self):
         self.odometry = self._again(self.odometry, '/odom', ODOMETRY)
@@ -146,14 +149,18 @@ class Faults:
 class Watch:
     """What the process takes, and what it says of itself."""
 
-    def __init__(self, peer, process):
+    def __init__(self, peer, process, reference):
         self.peer, self.values = peer, peer.diagnostics()
-        self.folder = Path('/proc') / str(process.popen.pid)
+        self.folder, self.beside = (Path('/proc') / str(each.pid) for each in (process.popen, reference))
 
     def takes(self):
-        """Resident memory [MB], threads and open files."""
-        memory = int((self.folder / 'statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6
-        return memory, *(len(list((self.folder / name).iterdir())) for name in ('task', 'fd'))
+        """Resident memory [MB] beyond that of a node that does nothing with the same messages, threads, open files.
+
+        What grows in both is the middleware's: it keeps memory for each message that once had to wait.
+        """
+        memory, other = (int((folder / 'statm').read_text().split()[1]) * os.sysconf('SC_PAGE_SIZE') / 1e6
+                         for folder in (self.folder, self.beside))
+        return memory - other, *(len(list((self.folder / name).iterdir())) for name in ('task', 'fd'))
 
     def settled(self, faults):
         """All that was sent has come, and is accounted for."""
@@ -167,14 +174,25 @@ class Watch:
         assert 'failed' not in values['message'], values['message']
 
 
+@pytest.fixture
+def reference():
+    """A node that subscribes to the same, as reliably and as deep, and does nothing."""
+    process = subprocess.Popen([sys.executable, '-m', 'polymap_ros.node.reference'], stderr=subprocess.DEVNULL)
+    yield process
+    process.kill()
+    process.wait()
+
+
 @pytest.mark.parametrize(('cycles', 'seed'), [
     (30, 1), pytest.param(1000, 2, marks=pytest.mark.slow)])
-def test_a_node_under_random_faults_neither_crashes_nor_leaks_nor_loses_count(peer, start, tmp_path, cycles, seed):
+def test_a_node_under_random_faults_neither_crashes_nor_leaks_nor_loses_count(
+    peer, start, reference, tmp_path, cycles, seed
+):
     process = start('--ros-args', '-p', f'odometry.queue_size:={QUEUE}', '-p', f'output.dir:={tmp_path}', *(
         part for topic in ('odom', 'echo') for part in (
             '-p', f'qos_overrides./{topic}.subscription.reliability:=reliable',
             '-p', f'qos_overrides./{topic}.subscription.depth:=1000')))
-    watch, faults, taken = Watch(peer, process), Faults(peer, seed), []
+    watch, faults, taken = Watch(peer, process, reference), Faults(peer, seed), []
     rounds = [faults.kinds[k] for _ in range(1 + cycles // len(faults.kinds))
               for k in faults.random.permutation(len(faults.kinds))]
     for number, fault in enumerate(rounds[:cycles], 1):
