@@ -1,0 +1,52 @@
+"""What is sure of the walls: the place that all pings share, an edge that is not there."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import shapely
+from shapely import affinity
+
+from polymap_ros.evaluation.trials import filled_mapper
+from polymap_ros.mapping.evidence.certainty import _shared_by_all, certainty_of
+from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.proposals import corner_cuts
+from polymap_ros.mapping.evidence.solver import search_of
+from polymap_ros.mapping.lines import polygon_lines
+from polymap_ros.mapping.pose import Pose
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.random_scenes import random_scene
+
+
+def test_where_positions_are_off_all_walls_share_their_shift_and_turn():
+    """Against rooms that shapely moves by the mean and the turn of so many errors of 5 mm."""
+    scene, generator, off_m = random_scene(2, 5), np.random.default_rng(1), 5e-3
+    positions = scene.positions + (0.7, -0.4)
+    room = affinity.translate(shapely.Polygon(scene.vertices), 0.7, -0.4)
+    away = positions - positions.mean(axis=0)
+    lines, moved = polygon_lines(np.array(room.exterior.coords)[:-1]), []
+    for _ in range(4000):
+        errors = generator.normal(0.0, off_m, positions.shape)
+        turn = np.sum(away[:, 0] * errors[:, 1] - away[:, 1] * errors[:, 0]) / np.sum(away**2)
+        turned = affinity.rotate(room, turn, tuple(positions.mean(axis=0)), use_radians=True)
+        corners = np.array(affinity.translate(turned, *errors.mean(axis=0)).exterior.coords)[:-1]
+        change = polygon_lines(corners) - lines
+        moved.append(np.column_stack((change[:, 0], np.angle(np.exp(1j * change[:, 1])))).ravel())
+    covariance = _shared_by_all(SimpleNamespace(lines=lines, misplaced_m=off_m), positions)
+    scale = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.cov(np.array(moved).T) / np.outer(scale, scale),
+                               covariance / np.outer(scale, scale), atol=0.1)
+
+
+def test_an_edge_across_a_corner_that_is_there_is_none_and_costs_the_others_nothing(finished):
+    scene = random_scene(0, 4)
+    mapper = filled_mapper(scene, Parameters())
+    search = search_of(mapper.evidence, mapper.parameters)
+    truth = polygon_lines(Pose(*scene.poses[0]).inverse().apply(scene.vertices))
+    truth = truth[np.argsort(truth[:, 1])]
+    for cut in corner_cuts(truth[:, 1], corners_of(truth)[1], [0.02])[:4]:
+        lines = np.vstack((truth, cut))
+        order = np.argsort(lines[:, 1])
+        found = search.judge(search.power.initial(1.0).with_lines(lines[order]))
+        likelihood = finished(certainty_of(search, found)).likelihood
+        np.testing.assert_array_equal(likelihood > 0.9, order < 4)
+        assert likelihood.min() < 0.01
