@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from polymap_ros.mapping.evidence.power import Model
 from polymap_ros.mapping.evidence.power_search import PRICE
@@ -57,7 +58,7 @@ def certainty_of(search: Search, found: Found) -> Generator[None, None, Certaint
             losses[wall], bounding[wall] = _wave_loss(search, found.wave, few, wall, max(OBVIOUS, price))
         else:
             losses[wall], bounding[wall] = _power_loss(search, found.model, wall)
-    likelihood = 1.0 / (1.0 + np.exp(np.clip(price - losses, -500.0, 500.0)))
+    likelihood = expit(losses - price)
     # Where much is left unexplained, a wall that is not there may explain some of it.
     doubt = np.clip((found.explained + search.uncertainty) / _TRUSTED, 0.0, 1.0)
     if found.wave is None and (search.coherent or search.dispersed):

@@ -169,7 +169,7 @@ class PowerSearch:
 
     def _with_line(self, model: Model, line: NDArray[np.float64]) -> Model | None:
         lines = active(np.vstack((model.lines, line)), self.data.shortest_m)
-        if len(lines) == 0:
+        if not len(lines):
             return None
         kept = {tuple(known): loss for known, loss in zip(model.lines.tolist(), model.loss, strict=True)}
         return model.with_lines(lines, np.array([kept.get(tuple(entry), 0.0) for entry in lines.tolist()]))

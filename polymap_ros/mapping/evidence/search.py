@@ -198,8 +198,8 @@ class Search(PowerSearch):
         wave = self.wave.refine(model.lines, reflection, phase, 1)
         if wave is None:
             return None
-        turned = (self.wave.evaluate(wave.lines, sign * wave.reflection, wave.phase + turn, SEARCH_ORDER, derive=False)
-                  for sign, turn in ((1.0, 0.0), (-1.0, np.pi)))  # echoes of even order tell these apart
+        both = (wave.reflection, wave.phase), (-wave.reflection, wave.phase + np.pi)  # echoes of even order tell which
+        turned = [self.wave.evaluate(wave.lines, *signs, SEARCH_ORDER, derive=False) for signs in both]
         wave = max((each for each in turned if each is not None), key=lambda each: each.value, default=None)
         wave = wave and self.wave.refine(wave.lines, wave.reflection, wave.phase, SEARCH_ORDER)
         return wave and self.wave.refine(wave.lines, wave.reflection, wave.phase, FULL_ORDER)

@@ -18,7 +18,7 @@ from polymap_ros.mapping.evidence.moved_pings import MovedPings
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
-from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines
+from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines, polygon_lines
 from polymap_ros.mapping.snapshot import Snapshot
 from polymap_ros.mapping.solver import Evidence
 from polymap_ros.mapping.straightness import path_axis, path_half_width
@@ -256,8 +256,7 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
     search = search_of(evidence, parameters)
     search.start(1.0)
     middle, half = search.data.positions.mean(axis=0), search.data.extent_m
-    theta = np.arange(-1.0, 3.0) * np.pi / 2.0
-    lines = np.column_stack((np.cos(theta) * middle[0] + np.sin(theta) * middle[1] + half, theta))
+    lines = polygon_lines(middle + half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]))
     square = search.power.initial(1.0).with_lines(lines)
     search.choose(Candidates(lines, np.ones(len(lines))), 1.0, iterations=4)
     steps = itertools.chain(search.improve(square, 1, residual=True), search.settle(square))

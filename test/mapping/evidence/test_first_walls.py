@@ -70,6 +70,16 @@ def test_missing_and_false_ranges_do_no_harm():
     assert max(map(off, walls)) < 3.0
 
 
+def test_a_range_that_is_off_by_most_of_a_pulse_speaks_for_no_wall():
+    places = around(60)
+    ranges = heard(places)
+    whole = sum(wall.pings for wall in first_walls(places, ranges, WIDTH))
+    ranges[7] -= 0.8 * WIDTH
+    walls = [wall for wall in first_walls(places, ranges, WIDTH) if wall.likelihood >= 0.9]
+    assert sum(wall.pings for wall in walls) == whole - 1
+    assert len(walls) == len(ROOM)
+
+
 @pytest.mark.parametrize('count', [0, 1, 2])
 def test_too_few_pings_prove_nothing(count):
     assert first_walls(around(count), np.full(count, 0.3), WIDTH) == ()
