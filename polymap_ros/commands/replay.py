@@ -140,13 +140,13 @@ def _spare(folders: dict[Path, Path], parameter_file: Path | None) -> None:
             read += layout_of(recording).files
     kept = {path.resolve() for path in read}
     for folder in folders.values():
-        if foreign := holds_foreign(folder):
-            raise UsageError(f'{folder}: holds {", ".join(foreign)} and no polygon.json, so that is not of an earlier '
-                             'run, and the results would take its place; choose another --output')
         for name in NAMES:
             if (folder / name).resolve() in kept:
                 raise UsageError(f'{folder / name}: is read, and the results would take its place; choose another '
                                  '--output')
+        if foreign := holds_foreign(folder):
+            raise UsageError(f'{folder}: holds {", ".join(foreign)} and no polygon.json, so that is not of an earlier '
+                             'run, and the results would take its place; choose another --output')
 
 
 def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:
