@@ -52,6 +52,20 @@ def _feed(mapper, scene, samples):
         mapper.add_ping(Ping(stamp_ns, row, scene.period_s, scene.t0_s))
 
 
+def _finished(steps):
+    """What a generator returns in the end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as done:
+            return done.value
+
+
+@pytest.fixture(scope='session')
+def finished():
+    return _finished
+
+
 @pytest.fixture(scope='session')
 def bounded_area():
     return _bounded_area

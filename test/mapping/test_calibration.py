@@ -34,14 +34,6 @@ def heard(scene, parameters=None, count=None):
     return mapper, tape.session()
 
 
-def done(work):
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            return end.value
-
-
 def speed(medium):
     return float(group_speed(make_medium(medium), 100e3))
 
@@ -110,10 +102,10 @@ def drifting():
     return heard(dataclasses.replace(random_scene(4, 4, SHORT), faults=faults))
 
 
-def test_the_thickness_is_found_and_named(thin_plate):
+def test_the_thickness_is_found_and_named(thin_plate, finished):
     mapper, session = thin_plate
     assert doubtful(mapper.solve())
-    fit = done(diagnosis(session))
+    fit = finished(diagnosis(session))
     assert fit.values == {'medium.thickness_m': pytest.approx(0.006, rel=1e-4)}
     assert abs(fit.values['medium.thickness_m'] - 0.006) < 3.0 * fit.deviations['medium.thickness_m']
     assert warning(session, fit).code == 'wrong_medium'
@@ -121,10 +113,10 @@ def test_the_thickness_is_found_and_named(thin_plate):
     assert overrides(fit)[0].startswith('-p medium.thickness_m:=0.00')
 
 
-def test_scale_and_drift_are_found_and_named(drifting):
+def test_scale_and_drift_are_found_and_named(drifting, finished):
     mapper, session = drifting
     assert doubtful(mapper.solve())
-    fit = done(calibrated_odometry(session))
+    fit = finished(calibrated_odometry(session))
     assert fit.values['odometry.scale'] == pytest.approx(1.02, abs=5e-4)
     assert fit.values['odometry.yaw_drift_deg_m'] == pytest.approx(2.0, abs=0.02)
     caution = warning(session, fit)
@@ -134,30 +126,30 @@ def test_scale_and_drift_are_found_and_named(drifting):
     assert (corrected.status, corrected.cautions) == ('closed', ())
 
 
-def test_steel_taken_for_aluminium_takes_two_numbers():
+def test_steel_taken_for_aluminium_takes_two_numbers(finished):
     scene = dataclasses.replace(random_scene(4, 4, SHORT), told_medium=MediumParameters(
         longitudinal_speed_m_s=5960.0, shear_speed_m_s=3235.0))
     _, session = heard(scene)
-    fit = done(calibrated_medium(session))
+    fit = finished(calibrated_medium(session))
     assert set(fit.values) == {'medium.thickness_m', 'medium.shear_speed_m_s'}
     found = session.parameters.replaced(fit.values).medium
     assert speed(found) / speed(scene.medium) == pytest.approx(1.0, abs=1e-3)
 
 
-def test_nothing_is_wrong_where_what_was_given_is_the_sharpest():
+def test_nothing_is_wrong_where_what_was_given_is_the_sharpest(finished):
     _, session = heard(random_scene(2, 4, SHORT))
-    assert done(calibrated_medium(session, elsewhere=True)).as_given
-    assert done(calibrated_odometry(session, elsewhere=True)).as_given
+    assert finished(calibrated_medium(session, elsewhere=True)).as_given
+    assert finished(calibrated_odometry(session, elsewhere=True)).as_given
 
 
-def test_a_straight_path_and_too_few_pings_are_refused_with_the_reason():
+def test_a_straight_path_and_too_few_pings_are_refused_with_the_reason(finished):
     _, straight = heard(KINDS['straight'].make(2, 4).scene)
-    assert 'drive a turn' in done(calibrated_medium(straight)).reason
+    assert 'drive a turn' in finished(calibrated_medium(straight)).reason
     _, few = heard(random_scene(2, 4), count=5)
-    assert 'at least 8' in done(calibrated_odometry(few)).reason
+    assert 'at least 8' in finished(calibrated_odometry(few)).reason
     envelopes = random_scene(2, 4)
     _, session = heard(envelopes, Parameters().replaced({'echo.kind': 'envelope'}))
-    assert 'envelope' in done(calibrated_medium(session)).reason
+    assert 'envelope' in finished(calibrated_medium(session)).reason
 
 
 def test_only_doubt_is_a_reason_to_look():

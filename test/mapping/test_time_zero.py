@@ -28,27 +28,19 @@ def session(scene, told_s=TOLD_S):
     return tape.session()
 
 
-def answer(work):
-    while True:
-        try:
-            next(work)
-        except StopIteration as done:
-            return done.value
-
-
-def test_a_wrong_time_zero_is_found_to_a_fraction_of_a_microsecond(monkeypatch):
+def test_a_wrong_time_zero_is_found_to_a_fraction_of_a_microsecond(monkeypatch, finished):
     monkeypatch.setattr(calibration, '_PULSES_OFF', (0.8, 0.3))  # 3 us are 4.5 mm; more rounds reach farther
-    found = answer(calibrated_time_zero(session(random_scene(2, 6))))
+    found = finished(calibrated_time_zero(session(random_scene(2, 6))))
     assert isinstance(found, Fit)
     assert found.values == {'echo.t0_s': pytest.approx(0.0, abs=2e-7)}
     assert 1e-9 < found.deviations['echo.t0_s'] < 2e-7
     assert found.explained > 0.9
 
 
-def test_a_straight_path_does_not_tell_it():
+def test_a_straight_path_does_not_tell_it(finished):
     scene = random_scene(2, 6)
     straight = dataclasses.replace(scene, poses=scene.poses[:1] + [[0.01 * k, 0.0, 0.0] for k in range(10)])
-    found = answer(calibrated_time_zero(session(straight)))
+    found = finished(calibrated_time_zero(session(straight)))
     assert isinstance(found, Refusal)
     assert 'straight' in found.reason
 

@@ -124,23 +124,9 @@ def _some(data, pings):
                                         if isinstance(array, np.ndarray)})
 
 
-def _finished(steps):
-    """What a generator returns in the end."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as done:
-            return done.value
-
-
 @pytest.fixture(scope='session')
 def hear():
     return _hear
-
-
-@pytest.fixture(scope='session')
-def finished():
-    return _finished
 
 
 @pytest.fixture(scope='session')
