@@ -104,7 +104,7 @@ class FreeArea:
         sound = united.geom_type in ('Polygon', 'MultiPolygon') and united.is_valid
         if not sound or discs.ndim != 2 or discs.shape[1] != 3 or not np.all(np.isfinite(discs)):
             raise StateError('the free area is not made of polygons and discs')
-        sizes = np.abs([*discs.ravel(), *shapely.get_coordinates(united).ravel()])
+        sizes = np.abs(np.concatenate((discs.ravel(), shapely.get_coordinates(united).ravel())))
         if np.any(discs[:, 2] < _LEAST_M) or sizes.max(initial=0.0) > 3.0 * FARTHEST_M:
             raise StateError('the free area holds discs or corners of a size that no echo has')
         self._united, self._discs, self._region = united, [tuple(row) for row in discs.tolist()], None

@@ -14,7 +14,7 @@ from polymap_ros.parameters import Parameters
 VERSION = 3
 
 _MOST = 2**62
-"""Sums of a few numbers up to this have 64 bits, and pings of a thousand years are fewer."""
+"""What goes on from a number up to this still has 64 bits, stamps [ns] for another hundred years."""
 
 MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'free_area.', 'echo.kind', 'echo.t0_s',
              'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')

@@ -36,7 +36,7 @@ def result_folder(folder: Path) -> Iterator[Path]:
         if not folder.exists():
             move_into_place(files, folder)
             return
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(exist_ok=True)  # an error where it is a file
         for path in map(folder.joinpath, NAMES):
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))

@@ -107,7 +107,7 @@ def test_files_that_are_not_of_an_earlier_run_are_not_replaced(call, triangle, t
         'map.yaml': 'mine', 'calibration.yaml': 'mine'}
 
 
-def test_a_frame_that_would_forge_lines_or_colours_does_not(altered, run, tmp_path):
+def test_a_frame_that_would_forge_lines_or_colours_does_not(altered, tmp_path):
     """And one that the terminal has no letters for is told all the same."""
     def renamed(topic, index, message):
         if topic == '/odom':
