@@ -158,10 +158,14 @@ class Ride:
 
     def publish(self, first, last, start_ns=0):
         for k in range(first, last):
-            stamp_ns = start_ns + (k + 1) * PERIOD_NS
-            self.pose(stamp_ns, k)
-            self.ping(stamp_ns, self.samples[k])
+            self.ping_at(k, start_ns)
         self.pose(start_ns + last * PERIOD_NS + PERIOD_NS // 2, last - 1)
+
+    def ping_at(self, k, start_ns=0):
+        """A ping and the odometry of its stamp; the node may take the two in either order."""
+        stamp_ns = start_ns + (k + 1) * PERIOD_NS
+        self.pose(stamp_ns, k)
+        self.ping(stamp_ns, self.samples[k])
 
     def pose(self, stamp_ns, k):
         self.odometry.publish(odometry_message(make, stamp_ns, 'odom', Pose(*self.poses[k])))
