@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.acoustics.front_end import FrontEnd, clipped, dropped_out
+from polymap_ros.acoustics.front_end import FrontEnd, band_pass, clipped, dropped_out, in_band
 from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter, sampling_step
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
@@ -29,6 +29,9 @@ MAX_CELLS = 1 << 22
 
 MOST_GAIN_DB = 300.0
 """No device undoes more; beyond, the samples of a ping would be no numbers any longer."""
+
+_LEAST_IN_BAND = 0.01
+"""Share of the pulse's energy that the band-pass has to leave: 20 dB less of every echo, and noise is what is heard."""
 
 _FILTERS = 8
 """Filters kept: pings of so many different lengths, periods and starts may alternate."""
@@ -99,6 +102,8 @@ class Listener:
                 raise ParameterError(name, f'{parameters[name]!r} makes {steps:.3g} steps of {fine_m:.3g} m, which the '
                                      f"grid or the pulse's band asks for; allowed: up to {MOST_RANGES}")
         self._fine_m = np.arange(self.n_fine, dtype=float) * fine_m
+        if parameters.echo.kind == 'rf' and parameters.pulse.kind != 'file':  # a recorded pulse has the pings' period
+            _check_band(parameters, self._pulse(period_s).samples(period_s), period_s)
         self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
@@ -267,6 +272,17 @@ class Listener:
             wiener_noise = front_end.wiener_noise if front_end.filter == 'wiener' else None
             return MatchedFilter(self._medium, pulse, self._fine_m, *key, self.fold, wiener_noise)
         return EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key)
+
+
+def _check_band(parameters: Parameters, pulse: NDArray[np.float64], period_s: float) -> None:
+    """Raise `ParameterError` if the band-pass takes the pulse out."""
+    low_hz, high_hz = parameters.front_end.band_low_hz, parameters.front_end.band_high_hz
+    left = in_band(pulse, band_pass(len(pulse), period_s, low_hz, high_hz))
+    share = float(np.sum(left**2) / np.sum(pulse**2))
+    if share < _LEAST_IN_BAND:
+        name = 'front_end.band_low_hz' if low_hz > parameters.pulse.frequency_hz else 'front_end.band_high_hz'
+        raise ParameterError(name, f"{parameters[name]!r} takes out the pulse: {share:.1%} of its energy is in the "
+                                   f'band; allowed: at least {_LEAST_IN_BAND:.0%}')
 
 
 _Key: TypeAlias = tuple[int, float, float]

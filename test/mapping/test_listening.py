@@ -213,6 +213,20 @@ def test_a_pulse_that_asks_for_too_many_ranges_is_refused(values, name):
     assert refused.value.name == name
 
 
+@pytest.mark.parametrize(('values', 'name'), [
+    ({'front_end__band_low_hz': 220e3}, 'front_end.band_low_hz'),
+    ({'front_end__band_low_hz': 6e5, 'front_end__band_high_hz': 7e5}, 'front_end.band_low_hz'),
+    ({'front_end__band_high_hz': 30e3}, 'front_end.band_high_hz'),
+])
+def test_a_band_without_the_pulse_is_refused(values, name):
+    """Two cycles of 100 kHz under a Hann window: the spectrum is nothing from 200 kHz."""
+    with pytest.raises(ParameterError, match='takes out the pulse') as refused:
+        listener(**values)
+    assert refused.value.name == name
+    listener(front_end__band_low_hz=90e3, front_end__band_high_hz=110e3)
+    listener(echo__kind='envelope', front_end__band_high_hz=30e3)  # magnitudes are slower than the pulse
+
+
 def test_a_gain_that_leaves_no_numbers_is_refused():
     listener(front_end__gain_db_s=1e5).check(ping(NOISE))
     with pytest.raises(BadPing, match='gain_db_s comes to'):
