@@ -9,7 +9,9 @@ from shapely import affinity
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.mapping.evidence.certainty import _shared_by_all, certainty_of
 from polymap_ros.mapping.evidence.paths import corners_of
+from polymap_ros.mapping.evidence.power_search import PRICE
 from polymap_ros.mapping.evidence.proposals import corner_cuts
+from polymap_ros.mapping.evidence.search import Found, Search, least_gain, without_wall
 from polymap_ros.mapping.evidence.solver import search_of
 from polymap_ros.mapping.lines import polygon_lines
 from polymap_ros.mapping.pose import Pose
@@ -50,3 +52,23 @@ def test_an_edge_across_a_corner_that_is_there_is_none_and_costs_the_others_noth
         likelihood = finished(certainty_of(search, found)).likelihood
         np.testing.assert_array_equal(likelihood > 0.9, order < 4)
         assert likelihood.min() < 0.01
+
+
+def test_a_wall_in_two_halves_that_turn_a_little_could_go_without_either(in_pentagon, finished):
+    """As they stand, each is worth more than an edge has to be; the other, refitted, is the whole wall."""
+    search = Search(in_pentagon.data, 10, np.random.default_rng(1))
+    right = search.judge(search.power.initial(1.0).with_lines(in_pentagon.lines))
+    wall, corners = right.lines[2], corners_of(right.lines)[1]
+    on_wall = np.abs(corners @ (np.cos(wall[1]), np.sin(wall[1])) - wall[0]) < 1e-9
+    x, y = corners[on_wall].mean(axis=0)
+    angles = wall[1] + np.array([-2.5e-3, 2.5e-3])
+    pair = np.column_stack((np.cos(angles) * x + np.sin(angles) * y, angles))
+    lines = np.vstack((right.lines[:2], pair, right.lines[3:]))
+    halves = search.wave.evaluate(lines, np.insert(right.reflection, 2, right.reflection[2]), right.wave.phase, 5)
+    lost = [halves.value - without_wall(search.wave, halves, half).value for half in (2, 3)]
+    assert min(lost) > least_gain(halves.value)
+    found = Found(right.model.with_lines(lines), halves, right.explained, halves.value - 6.0 * PRICE)
+    likelihood = finished(certainty_of(search, found)).likelihood
+    halved = np.isin(np.arange(6), (2, 3))
+    assert likelihood[halved].max() < 0.01
+    assert likelihood[~halved].min() > 0.9

@@ -11,6 +11,7 @@ from polymap_ros.mapping.evidence.certainty import certainty_of
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.power import Model, PowerLikelihood
 from polymap_ros.mapping.evidence.power_search import active
+from polymap_ros.mapping.evidence.proposals import corner_cuts
 from polymap_ros.mapping.evidence.search import Search
 from polymap_ros.mapping.evidence.solver import CERTAIN, EXPLAINED, search_of
 from polymap_ros.mapping.evidence.waveform import WaveformLikelihood
@@ -222,3 +223,84 @@ def test_an_edge_whose_r_is_vague_is_not_certain(finished):
     sure = finished(certainty_of(search, vague))
     assert np.sqrt(sure.covariance[4, 4]) > search.data.pulse.width_m / 2.0
     np.testing.assert_array_equal(sure.likelihood < CERTAIN, np.arange(5) == 2)
+
+
+@pytest.fixture(scope='module')
+def in_triangle(hear, triangle, inside):
+    """A search over twelve pings, and the lines of a polygon that lacks the wall at the bottom."""
+    heard = hear(triangle, inside(triangle, 12), order=3, seed=3)
+    search = Search(heard.data, 10, np.random.default_rng(1))
+    far = np.array([(0.5, -np.pi / 2.0)])
+    bottom = int(np.argmin(np.abs(heard.lines[:, 1] + np.pi / 2.0)))
+    lines = np.vstack((np.delete(heard.lines, bottom, 0), far))
+    base = search.power.initial(1.0).with_lines(lines[np.argsort(lines[:, 1])])
+    search.power.fit_nuisances(base, 3)
+    return search, base, heard.lines[bottom]
+
+
+def test_all_lines_are_tried_a_width_and_a_quarter_apart_and_the_best_are_apart(in_triangle, finished):
+    """Against every line of the grid that leaves all pings on one side, each judged on its own."""
+    search, base, missing = in_triangle
+    found = finished(search._scan(base))
+    width = 1.25 * search.data.pulse.width_m
+    turn = 2.0 * width / search.data.extent_m
+    corners, values = corners_of(base.lines)[1], {}
+    for theta in np.arange(-np.pi, np.pi, turn):
+        normal = np.array([np.cos(theta), np.sin(theta)])
+        nearest = (search.data.positions @ normal).max()
+        farthest = min((corners @ normal).max(), nearest + search.data.range_max_m / 2.0)
+        for r in np.arange(nearest + width / 2.0, farthest, width):
+            lines = active(np.vstack((base.lines, (r, theta))), search.data.shortest_m)
+            if len(lines):
+                values[r, theta] = search.power(base.with_lines(lines), 2)
+    assert np.hypot(*((found[0] - missing) / (width, turn))) < 1.0
+
+    def near(line, other):
+        return abs(line[0] - other[0]) <= 2.5 * width and abs(np.angle(np.exp(1j * (line[1] - other[1])))) <= 2.5 * turn
+
+    left = dict(values)
+    for line in found.tolist():
+        best = max(left, key=left.get)
+        assert tuple(line) == pytest.approx(best, abs=1e-12)
+        left = {other: value for other, value in left.items() if not near(other, line)}
+    assert len(found) == 12
+
+
+@pytest.mark.parametrize('wall', range(5))
+def test_a_wall_that_is_missing_is_added_and_nothing_else(wall, in_pentagon, finished):
+    search = Search(in_pentagon.data, 6, np.random.default_rng(1))
+    right = judged(search, in_pentagon.lines)
+    assert finished(search._added(right.model, right.wave)) is None
+    fewer = search.wave.refine(np.delete(right.lines, wall, 0), np.delete(right.reflection, wall), right.wave.phase, 5)
+    added = finished(search._added(right.model, fewer))
+    np.testing.assert_allclose(added.lines, right.lines, atol=1e-4)
+    np.testing.assert_allclose(added.reflection, right.reflection, atol=1e-2)
+    search._max_edges = 4
+    assert finished(search._added(right.model, fewer)) is None
+
+
+def test_two_edges_that_are_none_are_dropped_one_by_one_and_no_wall(in_pentagon, finished):
+    search = Search(in_pentagon.data, 10, np.random.default_rng(1))
+    right = judged(search, in_pentagon.lines)
+    assert finished(search._dropped(right.wave)) is None
+    corners = corners_of(right.lines)[1]
+    cuts = corner_cuts(right.lines[:, 1], corners, [0.04])
+    lines, reflection = np.vstack((right.lines, cuts[0], cuts[3])), np.append(right.reflection, (0.3, 0.9))
+    order = np.argsort(lines[:, 1])
+    wrong = search.wave.evaluate(lines[order], reflection[order], right.wave.phase, 5)
+    once = finished(search._dropped(wrong))
+    assert len(once.lines) == 6
+    twice = finished(search._dropped(once))
+    np.testing.assert_allclose(twice.lines, right.lines, atol=1e-4)
+
+
+@pytest.mark.parametrize(('seed', 'in_phase'), [(1, True), (2, True), (7, False), (8, False), (9, False)])
+def test_where_positions_are_off_power_has_the_last_word_unless_phases_agree_by_half(
+        seed, in_phase, hear, pentagon, inside, finished):
+    """Drawn errors of 3 mm, a fifth of a wavelength; 7 and 8 agree by a fifth and a third, as walls that were lost do."""
+    heard = hear(pentagon, inside(pentagon, 20), snr_db=10.0, seed=3)
+    off = np.random.default_rng(seed).normal(0.0, 3e-3, heard.data.positions.shape)
+    search = Search(dataclasses.replace(heard.data, positions=heard.data.positions + off), 10, np.random.default_rng(1))
+    found = finished(search.settle(search.power.initial(1.0).with_lines(heard.lines)))
+    assert (found.wave is not None) == in_phase
+    np.testing.assert_allclose(found.lines, heard.lines, atol=8e-3)
