@@ -22,6 +22,7 @@ from polymap_ros.node.declaration import LiveParameters, declare
 from polymap_ros.node.diagnostics import Diagnostics, Parts
 from polymap_ros.node.factory import fields_of
 from polymap_ros.node.inputs import Input
+from polymap_ros.node.joining import refusals_told
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.later import Later
 from polymap_ros.node.publishers import Outputs
@@ -49,6 +50,8 @@ class PolymapNode(Node):  # type: ignore[misc]
 
     Raises
     ------
+    UsageError
+        Where the middleware takes no node.
     ParameterError
         For parameters that are not allowed.
     StateError
@@ -56,7 +59,8 @@ class PolymapNode(Node):  # type: ignore[misc]
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
+        with refusals_told():
+            super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         parameters = declare(self, arguments)
         check_echo_fields(parameters.echo, fields_of)
         self._log_parameters(parameters)

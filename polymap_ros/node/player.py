@@ -13,7 +13,10 @@ from rosgraph_msgs.msg import Clock
 
 from polymap_ros.messages.outputs import time_message
 from polymap_ros.node.factory import converted, make, message_class
+from polymap_ros.node.joining import init, refusals_told
 from polymap_ros.node.qos import played
+
+PLAYER_NAME = 'polymap_play'
 
 CLOCK_PERIOD_S = 0.01
 """Time between messages on ``/clock``."""
@@ -33,7 +36,8 @@ class Player(Node):  # type: ignore[misc]
     """
 
     def __init__(self, topics: dict[str, str], rate: float = 1.0) -> None:
-        super().__init__('polymap_play', start_parameter_services=False)
+        with refusals_told():
+            super().__init__(PLAYER_NAME, start_parameter_services=False)
         self._rate = rate
         self._publishers_by_topic = {
             topic: self.create_publisher(message_class(type_name), topic, played())
@@ -86,10 +90,12 @@ class Player(Node):  # type: ignore[misc]
 @contextmanager
 def playing(topics: dict[str, str], rate: float, arguments: Sequence[str]) -> Iterator[Player]:
     """A player while the ``with`` block lasts; Ctrl-C is left to Python, and interrupts it at once."""
-    rclpy.init(args=['polymap_play', *arguments], signal_handler_options=SignalHandlerOptions.NO)
-    player = Player(topics, rate)
+    init(PLAYER_NAME, arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        yield player
+        player = Player(topics, rate)
+        try:
+            yield player
+        finally:
+            player.destroy_node()
     finally:
-        player.destroy_node()
         rclpy.try_shutdown()

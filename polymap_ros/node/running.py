@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from contextlib import suppress
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.logging import LoggingSeverity
 
 from polymap_ros.errors import UsageError
+from polymap_ros.node.joining import init
 from polymap_ros.node.node import PolymapNode
 from polymap_ros.parameters import NODE_NAME
 
@@ -31,12 +31,7 @@ def run(arguments: Sequence[str]) -> None:
         For arguments or parameters that cannot work.
     """
     sys.setswitchinterval(SWITCH_S)
-    rclpy.logging.set_logger_level('rcl', LoggingSeverity.FATAL)  # what it says about arguments, the error says too
-    try:
-        rclpy.init(args=[NODE_NAME, *arguments])
-    except (RCLError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
-        raise UsageError(f'{str(error).partition(", at ")[0]}') from error
-    rclpy.logging.set_logger_level('rcl', LoggingSeverity.UNSET)
+    init(NODE_NAME, arguments)
     try:
         node = PolymapNode(arguments)
         gc.collect()
@@ -44,7 +39,7 @@ def run(arguments: Sequence[str]) -> None:
         _spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # while the node was being made
-    except RuntimeError:  # RCLError, or what pybind11 makes of a call that the shutdown interrupts
+    except (RuntimeError, UsageError):  # RCLError, or what pybind11 makes of a call that the shutdown interrupts
         if rclpy.ok():
             raise
     finally:

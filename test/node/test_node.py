@@ -28,6 +28,7 @@ RELIABLE += ['-p', 'solver.method:=paper']
 FAST = ['-p', 'solver.period_s:=0.2']
 PERIOD_NS = 500_000_000
 TEXT = str(Path(__file__).with_name('text.yaml'))
+TRIANGLE = str(Path(__file__).parents[2] / 'bags' / 'triangle')
 
 
 def test_no_odometry_is_lost_while_it_maps_and_solves(peer, start, riding):
@@ -398,12 +399,27 @@ def test_two_nodes_in_two_namespaces_do_not_disturb_each_other(peer, start, ridi
     (['-p', 'qos_overrides./odom.subscription.depth:=few'], 'qos_overrides./odom.subscription.*: '),
     (['--params-file', TEXT], f'{TEXT}: is not a ROS parameter file'),
     (['-r', 'odom'], "remap rule: '-r odom'"),
+    (['--odom'], "unknown ROS arguments: ['--odom']"),
 ])
 def test_start_that_cannot_work_is_one_line_and_status_2(start, arguments, says):
     node = start('--ros-args', *arguments, '--log-level', 'warn', ready='')
     assert node.end() == 2
     assert says in node.lines[-1]
     assert len(node.lines) == 1
+
+
+@pytest.mark.parametrize('command', [['node'], ['play', TRIANGLE]])
+@pytest.mark.parametrize('folders', [[], ['enclaves', 'public', 'private']])
+def test_where_dds_security_is_asked_for_and_cannot_be_had_it_is_told(start, tmp_path, monkeypatch, command, folders):
+    """No node joins in the open, then."""
+    for folder in folders:
+        (tmp_path / folder).mkdir()
+    for name, value in {'ENABLE': 'true', 'STRATEGY': 'Enforce', 'KEYSTORE': str(tmp_path)}.items():
+        monkeypatch.setenv(f'ROS_SECURITY_{name}', value)
+    process = start(*command[1:], command=command[0], ready='')
+    assert process.end() == 2
+    assert 'security' in process.lines[-1].lower()
+    assert not any('Traceback' in line for line in process.lines)
 
 
 def test_wrong_option_is_one_line_and_status_2(start):

@@ -86,6 +86,8 @@ def test_topics_are_remapped_and_namespaced(peer, start, recording):
     (['nowhere.mcap'], 'nowhere.mcap: no such recording'), (['{recording}'], 'no topic /echo'),
     (['{recording}', '--rate', '-1'], '--rate -1'), (['{recording}', '--speed', '2'], '--speed'),
     (['{recording}', '-p', 'topics.eco:=x'], 'did you mean topics.echo'),
+    (['{recording}', '-p', 'topics.echo:=/sonar/raw', '--ros-args', '-r', 'odom:=1st'], "remap rule: '-r odom:=1st'"),
+    (['{recording}', '-p', 'topics.echo:=/sonar/raw', '--ros-args', '--odom'], "unknown ROS arguments: ['--odom']"),
 ])
 def test_wrong_use_is_one_line_and_status_2(start, recording, arguments, says):
     process = start(*(argument.format(recording=recording) for argument in arguments), command='play', ready='')

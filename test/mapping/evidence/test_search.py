@@ -297,7 +297,7 @@ def test_two_edges_that_are_none_are_dropped_one_by_one_and_no_wall(in_pentagon,
 @pytest.mark.parametrize(('seed', 'in_phase'), [(1, True), (2, True), (7, False), (8, False), (9, False)])
 def test_where_positions_are_off_power_has_the_last_word_unless_phases_agree_by_half(
         seed, in_phase, hear, pentagon, inside, finished):
-    """Drawn errors of 3 mm, a fifth of a wavelength; 7 and 8 agree by a fifth and a third, as walls that were lost do."""
+    """Errors of 3 mm, a seventh of a wavelength; 7 and 8 agree by a fifth and a third, as where walls were lost."""
     heard = hear(pentagon, inside(pentagon, 20), snr_db=10.0, seed=3)
     off = np.random.default_rng(seed).normal(0.0, 3e-3, heard.data.positions.shape)
     search = Search(dataclasses.replace(heard.data, positions=heard.data.positions + off), 10, np.random.default_rng(1))

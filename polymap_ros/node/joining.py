@@ -1,0 +1,36 @@
+"""Joining ROS: what rcl and the middleware refuse is told in a line."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.logging import LoggingSeverity
+
+from polymap_ros.errors import UsageError
+
+
+def init(name: str, arguments: Sequence[str], **options: Any) -> None:
+    """rclpy's `init` for a command line.
+
+    Raises
+    ------
+    UsageError
+        For arguments that ROS does not take, or surroundings that it cannot work in.
+    """
+    rclpy.logging.set_logger_level('rcl', LoggingSeverity.FATAL)  # what it says about arguments, the error says too
+    with refusals_told():
+        rclpy.init(args=[name, *arguments], **options)
+    rclpy.logging.set_logger_level('rcl', LoggingSeverity.UNSET)
+
+
+@contextmanager
+def refusals_told() -> Iterator[None]:
+    """Errors of rcl as `UsageError`, without the places in its sources."""
+    try:
+        yield
+    except UnknownROSArgsError as error:
+        raise UsageError(f'unknown ROS arguments: {error}') from error
+    except (RCLError, RCLInvalidROSArgsError) as error:
+        raise UsageError(str(error).partition(', at ')[0]) from error
