@@ -160,7 +160,8 @@ def attempt(program: str, job: Callable[[], int]) -> int:
     except PolymapError as error:
         complain(program, f'error: {error}')
     except OSError as error:
-        complain(program, f'error: {error.filename or "file system"}: {error.strerror or error}')
+        path = error.filename2 or error.filename  # of a move, where to
+        complain(program, f'error: {path or "file system"}: {error.strerror or error}')
     except MemoryError:
         complain(program, 'error: not enough memory')
     return WRONG

@@ -138,10 +138,10 @@ def _spare(folders: dict[Path, Path], parameter_file: Path | None) -> None:
     for recording in folders:
         with suppress(RecordingError, OSError):  # told when it is its turn
             read += layout_of(recording).files
-    kept = {path.resolve() for path in read}
+    kept = {os.path.realpath(path) for path in read}
     for folder in folders.values():
         for name in NAMES:
-            if (folder / name).resolve() in kept:
+            if os.path.realpath(folder / name) in kept:
                 raise UsageError(f'{folder / name}: is read, and the results would take its place; choose another '
                                  '--output')
         if foreign := holds_foreign(folder):

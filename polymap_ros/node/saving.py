@@ -2,6 +2,7 @@
 
 import errno
 import itertools
+import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -151,7 +152,7 @@ class Saver:
 
 def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Path:
     """Write a twin of the mapper as a whole folder that did not exist before; return its absolute path."""
-    parent = Path(parameters.output.dir).resolve()
+    parent = Path(os.path.realpath(parameters.output.dir))
     with staging(parent / 'save') as stage:
         files = stage / 'files'
         files.mkdir()

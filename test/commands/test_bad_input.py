@@ -107,6 +107,16 @@ def test_files_that_are_not_of_an_earlier_run_are_not_replaced(call, triangle, t
         'map.yaml': 'mine', 'calibration.yaml': 'mine'}
 
 
+@pytest.mark.parametrize('folder', ['loop', 'loop/within'])
+def test_links_that_lead_to_themselves_hold_no_results(call, triangle, tmp_path, folder):
+    (tmp_path / 'loop').symlink_to('loop')
+    done = call('replay', *FAST, triangle, '--output', folder)
+    assert done.status == 2
+    assert done.complaint.startswith('polymap_replay: error: loop: ')
+    assert 'such recording' in call('replay', 'loop').complaint
+    assert call('simulate', 'triangle', '--output', 'loop').complaint.startswith('polymap_simulate: error: loop: ')
+
+
 def test_a_frame_that_would_forge_lines_or_colours_does_not(altered, tmp_path):
     """And one that the terminal has no letters for is told all the same."""
     def renamed(topic, index, message):

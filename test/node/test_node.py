@@ -289,9 +289,11 @@ def test_saved_map_is_kept_where_the_stamps_begin_before_it(peer, start, tmp_pat
         peer.until_used(values, 2)  # but for the one before the second odometry, which confirms
 
 
-def test_save_that_fails_says_why_and_the_node_goes_on(peer, start, tmp_path, riding):
+@pytest.mark.parametrize('folder', ['file', 'loop'])
+def test_save_that_fails_says_why_and_the_node_goes_on(peer, start, tmp_path, riding, folder):
     (tmp_path / 'file').write_text('in the way')
-    start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}/file')
+    (tmp_path / 'loop').symlink_to('loop')
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}/{folder}')
     values, ride = peer.diagnostics(), riding()
     ride.publish(0, 5)
     peer.until_used(values, 5)
@@ -300,6 +302,9 @@ def test_save_that_fails_says_why_and_the_node_goes_on(peer, start, tmp_path, ri
     assert saved.message.startswith('cannot save: ')
     ride.publish(5, 8)
     peer.until_used(values, 8)
+    assert 'cannot save: ' in node.wait_for_line('cannot save')
+    assert node.stop() == 0
+    assert not any('Traceback' in line for line in node.lines)
 
 
 def test_autosave_keeps_the_newest_whole_map_and_saves_at_the_end(peer, start, tmp_path, riding):
