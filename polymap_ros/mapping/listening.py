@@ -103,7 +103,7 @@ class Listener:
                                      f"grid or the pulse's band asks for; allowed: up to {MOST_RANGES}")
         self._fine_m = np.arange(self.n_fine, dtype=float) * fine_m
         if parameters.echo.kind == 'rf' and parameters.pulse.kind != 'file':  # a recorded pulse has the pings' period
-            _check_band(parameters, self._pulse(period_s).samples(period_s), period_s)
+            _check_band(parameters, self._pulse(period_s))
         self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
@@ -274,11 +274,15 @@ class Listener:
         return EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key)
 
 
-def _check_band(parameters: Parameters, pulse: NDArray[np.float64], period_s: float) -> None:
+def _check_band(parameters: Parameters, pulse: Pulse) -> None:
     """Raise `ParameterError` if the band-pass takes the pulse out."""
     low_hz, high_hz = parameters.front_end.band_low_hz, parameters.front_end.band_high_hz
-    left = in_band(pulse, band_pass(len(pulse), period_s, low_hz, high_hz))
-    share = float(np.sum(left**2) / np.sum(pulse**2))
+    if not low_hz and not high_hz:
+        return
+    period_s = min(0.125 / parameters.pulse.frequency_hz, pulse.duration_s / 16.0)
+    samples = pulse.samples(period_s)
+    left = in_band(samples, band_pass(len(samples), period_s, low_hz, high_hz))
+    share = float(np.sum(left**2) / np.sum(samples**2))
     if share < _LEAST_IN_BAND:
         name = 'front_end.band_low_hz' if low_hz > parameters.pulse.frequency_hz else 'front_end.band_high_hz'
         raise ParameterError(name, f"{parameters[name]!r} takes out the pulse: {share:.1%} of its energy is in the "
