@@ -9,7 +9,7 @@ import yaml
 
 from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.parameters import NODE_NAME, Parameters, specifications
-from polymap_ros.plain_yaml import read_yaml
+from polymap_ros.plain_yaml import read_small, read_yaml
 
 
 def parse_override(text: str) -> tuple[str, object]:
@@ -40,7 +40,7 @@ def load_parameters(
         For a name or value that is not allowed.
     """
     try:
-        document = read_yaml(path.read_text(encoding='utf-8'))
+        document = read_yaml(read_small(path))
     except OSError as error:
         raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -52,6 +52,9 @@ def load_parameters(
     keys = [key for key in nodes if key == '/**' or key.rpartition('/')[2] == node_name]
     if not keys:
         raise UsageError(f'parameter file {path}: has no {node_name} or /** key, only {", ".join(map(str, document))}')
+    others = [key for key in keys if key.strip('/') not in ('**', node_name, f'**/{node_name}')]
+    if len(others) > 1:
+        raise UsageError(f'parameter file {path}: is for several nodes, of which one is asked for: {", ".join(others)}')
     known = {spec.name for spec in specifications()}
     groups = {name.partition('.')[0] for name in known}
     values: dict[str, object] = {}
@@ -59,7 +62,11 @@ def load_parameters(
         body = nodes[key].get('ros__parameters') if isinstance(nodes[key], dict) else None
         if not isinstance(body, dict):
             raise UsageError(f'parameter file {path}: {key} has no ros__parameters')
-        entries = _flattened(body)
+        entries: dict[str, object] = {}
+        for name, value in _flattened(body):
+            if name in entries:
+                raise UsageError(f'parameter file {path}: {key} has {name} twice')
+            entries[name] = value
         if key == '/**':
             entries = {name: value for name, value in entries.items() if name in known}
         values |= {name: value for name, value in entries.items() if name.partition('.')[0] in groups}
@@ -77,11 +84,9 @@ def _nodes(tree: Mapping[Any, Any], node_name: str, prefix: str = '') -> Iterato
             yield name, body
 
 
-def _flattened(tree: Mapping[Any, Any], prefix: str = '') -> dict[str, object]:
-    flat: dict[str, object] = {}
+def _flattened(tree: Mapping[Any, Any], prefix: str = '') -> Iterator[tuple[str, object]]:
     for key, value in tree.items():
         if isinstance(value, Mapping):
-            flat |= _flattened(value, f'{prefix}{key}.')
+            yield from _flattened(value, f'{prefix}{key}.')
         else:
-            flat[f'{prefix}{key}'] = value
-    return flat
+            yield f'{prefix}{key}', value

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter
 
 from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.parameters import Parameters, specifications
+from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.specification import Specification, Value
 
 SPECIFICATIONS = {spec.name: spec for spec in specifications()}
@@ -140,7 +141,10 @@ def _parameter_files(arguments: Sequence[str]) -> Iterator[tuple[Path, dict[str,
     """Each parameter file of the command line with the names it gives, by node; rcl has read them before."""
     for flag, value in pairwise(arguments):
         if flag == '--params-file':
-            tree = yaml.safe_load(Path(value).read_text(encoding='utf-8')) or {}
+            try:
+                tree = read_yaml(read_small(Path(value))) or {}
+            except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+                raise UsageError(f'parameter file {value}: cannot be read: {" ".join(str(error).split())}') from error
             if not isinstance(tree, Mapping):
                 raise UsageError(f'parameter file {value}: is not a ROS parameter file: expected polymap_node: '
                                  'ros__parameters: ...')

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import RecordingError
+from polymap_ros.plain_yaml import read_small
 
 TRUTH_NAME = 'truth.json'
 
@@ -28,7 +29,7 @@ def read_truth(recording: Path) -> NDArray[np.float64] | None:
     if not path.is_file():
         return None
     try:
-        vertices = np.array(json.loads(path.read_text(encoding='utf-8'))['vertices'], dtype=float)
+        vertices = np.array(json.loads(read_small(path))['vertices'], dtype=float)
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise RecordingError(f'{path}: is no ground truth ({type(error).__name__}: {error})') from error
     if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import ParameterError, SceneError
 from polymap_ros.parameters import GridParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
-from polymap_ros.plain_yaml import read_yaml
+from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.scenes import Scene, counter_clockwise
@@ -66,7 +66,7 @@ def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
         text = (_folder() / f'{name}{_SUFFIX}').read_text(encoding='utf-8')
     else:
         try:
-            text = path.read_text(encoding='utf-8')
+            text = read_small(path)
         except (OSError, UnicodeDecodeError) as error:
             known = ', '.join(built_in_scenes())
             raise SceneError(f'{name}: no scene file that can be read, nor a built-in scene ({known})') from error
