@@ -1,6 +1,7 @@
 """`polymap_simulate`: a recording of a simulated scene, with its ground truth."""
 
 import argparse
+import io
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -55,24 +56,28 @@ def record(scene: 'Scene', path: Path, storage: str = 'mcap') -> None:
     A ping is logged when its last sample is in. The odometry has a message at every emission and as many evenly
     in between as its rate asks for, and one before the first and after the last ping.
     """
-    import numpy as np
-
-    from polymap_ros.errors import RecordingError
-    from polymap_ros.recordings.truth import truth_path
     from polymap_ros.recordings.writing import RecordingWriter
 
-    beside = path.parent / truth_path(path).name
-    if path.suffix in ('.mcap', '.db3') and beside.exists():
-        raise RecordingError(f'{beside}: belongs to another recording; choose a folder without one')
-    entries = sorted([*_odometry(scene), *_echoes(scene)], key=lambda entry: entry[0])
-    with RecordingWriter(path, storage) as writer:
+    with RecordingWriter(path, storage, companions=_companions(scene)) as writer:
+        entries = sorted([*_odometry(scene), *_echoes(scene)], key=lambda entry: entry[0])
         for log_ns, topic, message in entries:
             writer.write(topic, message, log_ns)
-    truth_path(path).write_text(json.dumps({'vertices': scene.vertices.tolist()}) + '\n', encoding='utf-8')
+
+
+def _companions(scene: 'Scene') -> dict[str, bytes]:
+    """What a replay needs to know of the scene, and the truth, by file."""
+    import numpy as np
+
+    from polymap_ros.recordings.truth import TRUTH_NAME
+
+    files = {TRUTH_NAME: (json.dumps({'vertices': scene.vertices.tolist()}) + '\n').encode()}
     if scene.recorded_pulse is not None:
-        np.save(truth_path(path).with_name(PULSE_NAME), scene.recorded_pulse, allow_pickle=False)
+        pulse = io.BytesIO()
+        np.save(pulse, scene.recorded_pulse, allow_pickle=False)
+        files[PULSE_NAME] = pulse.getvalue()
     if text := _changed_parameters(scene):
-        truth_path(path).with_name('params.yaml').write_text(text, encoding='utf-8')
+        files['params.yaml'] = text.encode()
+    return files
 
 
 def recorded_path(path: Path, topic: str) -> 'NDArray[np.float64]':

@@ -4,7 +4,7 @@ import functools
 from collections.abc import Collection, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ _DEFAULTS = {'geometry_msgs/msg/Quaternion': {'w': 1.0}}
 
 
 class RecordingWriter:
-    """Writes a rosbag2 directory, or a bare file where the path ends in .mcap or .db3.
+    """Writes a rosbag2 directory, or a bare file where the path ends in .mcap or .db3, and what belongs to it.
 
     A context manager: the recording appears whole at the end of the ``with`` block, or not at all.
 
@@ -31,20 +31,26 @@ class RecordingWriter:
         ``mcap`` or ``sqlite3``; a bare file's suffix decides itself.
     latched : collection of str
         Topics recorded as transient local, so that a player keeps their last message for late joiners.
+    companions : dict of str to bytes, optional
+        Files that come with the recording: in its directory, or beside a bare file.
 
     Raises
     ------
     RecordingError
-        Where `path` exists.
+        Where `path` or a companion exists.
     """
 
-    def __init__(self, path: Path, storage: str = 'mcap', latched: Collection[str] = ()) -> None:
+    def __init__(
+        self, path: Path, storage: str = 'mcap', latched: Collection[str] = (),
+        companions: Mapping[str, bytes] = MappingProxyType({}),
+    ) -> None:
         if storage not in STORAGES:
             raise RecordingError(f'{path}: storage {storage!r} is not known; allowed: {" | ".join(STORAGES)}')
         self.path = path
         self._storage = _SUFFIXES.get(path.suffix, storage)
         self._bare = path.suffix in _SUFFIXES
         self._latched = frozenset(latched)
+        self._companions = companions
         self._connections: dict[tuple[str, str], Any] = {}
         self._stack = ExitStack()
 
@@ -53,8 +59,8 @@ class RecordingWriter:
 
         self._refuse_to_overwrite()
         with ExitStack() as stack:
-            name = self.path.stem if self._bare else self.path.name
-            self._folder = stack.enter_context(staging(self.path)) / name
+            self._stage = stack.enter_context(staging(self.path))
+            self._folder = self._stage / ('recording' if self._bare else self.path.name)
             plugin = StoragePlugin.MCAP if self._storage == 'mcap' else StoragePlugin.SQLITE3
             self._writer = Writer(self._folder, version=9, storage_plugin=plugin)
             self._writer.open()
@@ -68,9 +74,23 @@ class RecordingWriter:
             self._writer.close()
             if kind is None:
                 self._refuse_to_overwrite()
-                suffix = '.mcap' if self._storage == 'mcap' else '.db3'
-                made = self._folder / f'{self._folder.name}{suffix}' if self._bare else self._folder
-                move_into_place(made, self.path)
+                for name, data in self._companions.items():
+                    ((self._stage if self._bare else self._folder) / name).write_bytes(data)
+                if self._bare:
+                    self._place_files()
+                else:
+                    move_into_place(self._folder, self.path)
+
+    def _place_files(self) -> None:
+        """The companions first: a recording is never without them."""
+        suffix = '.mcap' if self._storage == 'mcap' else '.db3'
+        with ExitStack() as undo:
+            for name in self._companions:
+                target = self.path.with_name(name)
+                move_into_place(self._stage / name, target)
+                undo.callback(target.unlink, missing_ok=True)
+            move_into_place(self._folder / f'{self._folder.name}{suffix}', self.path)
+            undo.pop_all()
 
     def write(self, topic: str, message: Any, log_ns: int) -> None:
         """Append a message of rosbags (see `make`) at a log time [ns]."""
@@ -85,6 +105,9 @@ class RecordingWriter:
     def _refuse_to_overwrite(self) -> None:
         if self.path.exists():
             raise RecordingError(f'{self.path}: exists already and is not overwritten')
+        for path in (self.path.with_name(name) for name in self._companions if self._bare):
+            if path.exists():
+                raise RecordingError(f'{path}: may belong to another recording; choose a folder without one')
 
 
 @functools.cache

@@ -34,16 +34,20 @@ class Faults(Group):
         0.0, 'share of the pings with a false echo, as strong as the nearest true one, at a range drawn uniform from '
         '0.2 to 0.9 of its range', minimum=0.0, maximum=1.0)
     direct_wave: float = parameter(
-        0.0, "peak of the direct wave and its ringing, over the median of the pings' strongest echoes", minimum=0.0)
-    direct_wave_m: float = parameter(0.15, 'range at which the ringing is over', unit='m', above=0.0)
-    clutter: float = parameter(0.0, 'peak of an echo that every ping has at one range, over the same', minimum=0.0)
-    clutter_m: float = parameter(0.4, 'its range', unit='m', above=0.0)
+        0.0, "peak of the direct wave and its ringing, over the median of the pings' strongest echoes", minimum=0.0,
+        maximum=1e6)
+    direct_wave_m: float = parameter(0.15, 'range at which the ringing is over', unit='m', above=0.0,
+                                     maximum=1e6)
+    clutter: float = parameter(0.0, 'peak of an echo that every ping has at one range, over the same', minimum=0.0,
+                               maximum=1e6)
+    clutter_m: float = parameter(0.4, 'its range', unit='m', above=0.0, maximum=1e6)
     second_mode: float = parameter(
         0.0, 'amplitude of the echoes of a second, dispersion-free mode over those of the first, on average over the '
-        'run: leaking S0', minimum=0.0)
-    second_mode_speed_m_s: float = parameter(SPEED_OF_S0_M_S, 'its speed', unit='m/s', above=0.0)
-    yaw_drift_deg_m: float = parameter(0.0, 'turn of the reported heading per metre travelled', unit='deg/m')
-    odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0)
+        'run: leaking S0', minimum=0.0, maximum=1e6)
+    second_mode_speed_m_s: float = parameter(SPEED_OF_S0_M_S, 'its speed', unit='m/s', above=0.0, maximum=1e6)
+    yaw_drift_deg_m: float = parameter(0.0, 'turn of the reported heading per metre travelled', unit='deg/m',
+                                       minimum=-1e6, maximum=1e6)
+    odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0, maximum=1e6)
 
 
 def first_echo_faults(

@@ -28,7 +28,7 @@ from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.scenes import Scene, counter_clockwise
-from polymap_ros.simulation.trajectories import fitted, legs, random_legs, recorded
+from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
 
 ReadPath = Callable[[Path, str], NDArray[np.float64]]
 """Reads the poses (N, 3) of an odometry topic from a recording."""
@@ -74,7 +74,8 @@ def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
         document = read_yaml(text)
         if not isinstance(document, dict):
             raise SceneError('expected a mapping with vertices, and poses or trajectory')
-        return _scene(document, path.name.partition('.')[0], path.parent, read_path)
+        with np.errstate(over='ignore', invalid='ignore'):  # what comes of absurd numbers is refused
+            return _scene(document, path.name.partition('.')[0], path.parent, read_path)
     except yaml.YAMLError as error:
         raise SceneError(f'{name}: is not YAML: {" ".join(str(error).split())}') from error
     except (SceneError, ParameterError) as error:
@@ -124,6 +125,7 @@ def _trajectory(
         first = (float(start[0]), float(start[1]), float(np.deg2rad(start[2])))
         return legs(first, np.deg2rad(turns[:, 0]).tolist(), turns[:, 1].tolist(), _number(body, 'step_m'))
     count, clearance = int(_number(body, 'pings')), _number(body, 'clearance_m')
+    check_count(count)
     if 'recording' in body:
         _check_keys(body, ['recording', 'topic', 'pings', 'clearance_m', 'turn_deg'], 'trajectory')
         if read_path is None:
@@ -133,8 +135,10 @@ def _trajectory(
         return fitted(recorded(path, count), vertices, clearance, float(turn))
     _check_keys(body, ['pings', 'step_m', 'clearance_m'], 'trajectory')
     generator = np.random.default_rng([seed, _PATH_STREAM])
+    if not (step_m := _number(body, 'step_m')) > 0.0:
+        raise SceneError(f'trajectory: step_m must be above 0, found {step_m!r}')
     for _ in range(_RANDOM_PATHS):
-        poses = random_legs(vertices, count, _number(body, 'step_m'), clearance, generator)
+        poses = random_legs(vertices, count, step_m, clearance, generator)
         if poses is not None:
             return poses
     raise SceneError(f'trajectory: no path of {count} pings fits into the room with a clearance of {clearance:g} m')
@@ -171,6 +175,8 @@ def _number(body: Mapping[str, Any], key: str) -> float:
         if isinstance(value, bool) or value is None:
             raise ValueError
         number = float(value)
+        if not np.isfinite(number):
+            raise ValueError
         if key in _INTEGERS:
             if number != int(number):
                 raise ValueError

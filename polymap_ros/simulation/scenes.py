@@ -17,6 +17,18 @@ from polymap_ros.parameters import (
 )
 from polymap_ros.simulation.faults import Faults, reported
 
+MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
+"""Pings, samples of all of them, and messages of odometry that a scene may have; more than memory is there for."""
+
+FARTHEST_M, LAST_S = 1e9, 2.0**31 - 1.0
+"""As far as the mapper takes poses, and as late as a stamp can be."""
+
+_BOUNDS = {
+    'sample_rate_hz': (1e-3, 1e12), 'n_samples': (1, 2**20), 'order': (1, 64), 'seed': (0, 2**63 - 1),
+    'ping_period_s': (1e-9, 1e6), 'odometry_rate_hz': (1e-6, 1e9), 'gain_range_db': (0.0, 300.0),
+    'position_noise_m': (0.0, 1e6), 't0_s': (-100.0, 100.0), 'snr_db': (-300.0, 300.0)}
+"""Beyond these the samples would be no numbers, the stamps none of ROS, or the work without end."""
+
 _GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM = 1, 2, 3
 
 
@@ -101,15 +113,27 @@ class Scene:
             if not clearances.min() > 0.0:
                 index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
                 raise SceneError(f'the sensor is not inside the polygon at pose {index}')
-        for name in ('sample_rate_hz', 'n_samples', 'order', 'ping_period_s', 'odometry_rate_hz'):
-            if not 0.0 < getattr(self, name) < np.inf:
-                raise SceneError(f'{name} must be above 0, found {getattr(self, name)!r}')
-        for name in ('seed', 'gain_range_db', 'position_noise_m'):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise SceneError(f'{name} must not be negative, found {getattr(self, name)!r}')
-        for name in ('t0_s', 'snr_db'):
-            if getattr(self, name) is not None and not np.isfinite(getattr(self, name)):
-                raise SceneError(f'{name} must be finite, found {getattr(self, name)!r}')
+        for name, (low, high) in _BOUNDS.items():
+            value = getattr(self, name)
+            if not (value is None and name == 'snr_db') and not low <= value <= high:
+                raise SceneError(f'{name} must be from {low:g} to {high:g}, found {value!r}')
+        self._check_size()
+
+    def _check_size(self) -> None:
+        """What several values make together."""
+        pings = len(self.poses)
+        if max(np.abs(self.vertices).max(), np.abs(self.poses).max()) > FARTHEST_M:
+            raise SceneError(f'vertices and poses must be within {FARTHEST_M:g} m')
+        if pings > MOST_PINGS or pings * self.n_samples > MOST_SAMPLES:
+            raise SceneError(f'{pings} pings of {self.n_samples} samples; allowed: {MOST_PINGS} pings, and '
+                             f'{MOST_SAMPLES} samples in all')
+        if (messages := pings * max(self.ping_period_s * self.odometry_rate_hz, 1.0)) > MOST_ODOMETRY:
+            raise SceneError(f'odometry_rate_hz makes {messages:.3g} messages; allowed: {MOST_ODOMETRY}')
+        first_s = 1.0 + self.ping_period_s + self.t0_s
+        if first_s < 0.0:
+            raise SceneError(f't0_s would stamp the first ping {first_s:g} s, and no stamp is before 0')
+        if (last_s := first_s + pings * self.ping_period_s + self.n_samples * self.period_s) > LAST_S:
+            raise SceneError(f'the last ping would end at {last_s:g} s; no stamp of ROS is beyond {LAST_S:g} s')
 
     @property
     def positions(self) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
-from polymap_ros.simulation.scenes import half_planes
+from polymap_ros.simulation.scenes import MOST_PINGS, half_planes
 
 _LEG_DRAWS = 32
 """Draws of the next leg before a path is given up: in a corner most of them leave the room."""
@@ -28,10 +28,17 @@ def legs(
     """
     if not (len(turns_rad) == len(lengths_m) > 0 and step_m > 0.0 and min(lengths_m) > 0.0):
         raise SceneError('a trajectory needs legs [turn, length] with lengths above 0, and a step above 0')
+    check_count(1.0 + sum(lengths_m) / step_m)
     headings = start[2] + np.cumsum(turns_rad)
     moves = np.asarray(lengths_m)[:, None] * np.column_stack((np.cos(headings), np.sin(headings)))
     corners = np.vstack((start[:2], start[:2] + np.cumsum(moves, axis=0)))
     return _along(corners, headings, np.arange(0.0, np.sum(lengths_m) + 1e-9, step_m))
+
+
+def check_count(pings: float) -> None:
+    """Raise `SceneError` for no ping, or more than a scene may have."""
+    if not 1 <= pings <= MOST_PINGS:
+        raise SceneError(f'a trajectory of {pings:g} pings; allowed: 1 to {MOST_PINGS}')
 
 
 def recorded(path: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -90,7 +97,7 @@ def random_legs(
     corners, headings, marks = [places[0]], [], [0.0]
     for target, step in zip(places[1:], steps[1:], strict=True):
         x, y = target - corners[-1]
-        hops = int(np.hypot(x, y) / step)
+        hops = int(min(np.hypot(x, y) / step, count))
         if hops == 0:
             continue
         headings.append(float(np.arctan2(y, x)))

@@ -14,6 +14,7 @@ from polymap_ros.commands.simulate import main
 from polymap_ros.parameter_file import load_parameters
 from polymap_ros.parameters import PulseParameters
 from polymap_ros.pulse_file import read_pulse
+from polymap_ros.recordings.writing import RecordingWriter
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
 
@@ -151,6 +152,30 @@ def test_wrong_use_is_one_line_and_status_2(tmp_path, scene_file, capsys, monkey
     assert err.count('\n') == 1
     assert all(word in err for word in words)
     assert sorted(tmp_path.rglob('*')) == before
+
+
+@pytest.mark.parametrize('name', ['truth.json', 'params.yaml', 'pulse.npy', 'bag.mcap'])
+@pytest.mark.parametrize('folder', [False, True])
+def test_a_bare_recording_takes_the_place_of_nothing_that_is_there(tmp_path, scene_file, capsys, name, folder):
+    """Not even of what its scene reads; and nothing of it is written."""
+    np.save(tmp_path / 'ping.npy', np.hanning(30) * np.sin(np.arange(30)))
+    scene_file.write_text(f'{SCENE}\npulse: {{kind: file, path: ping.npy}}')
+    place = tmp_path / 'mine' / name
+    place.parent.mkdir()
+    if folder:
+        place.mkdir()
+    else:
+        place.write_text('mine')
+    assert main([str(scene_file), '--output', str(tmp_path / 'mine' / 'bag.mcap')]) == 2
+    assert capsys.readouterr().err.count(f'{name}: ') == 1
+    assert list(place.parent.iterdir()) == [place]
+    assert folder or place.read_text() == 'mine'
+
+
+def test_what_goes_with_a_recording_is_removed_where_that_cannot_be_placed(tmp_path):
+    with pytest.raises(FileNotFoundError), RecordingWriter(tmp_path / 'bag.mcap', companions={'a': b'1'}) as writer:
+        (writer._folder / 'recording.mcap').unlink()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_module_is_light_to_import():
