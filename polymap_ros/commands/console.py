@@ -13,10 +13,10 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from polymap_ros import __version__
-from polymap_ros.errors import PolymapError
+from polymap_ros.errors import PolymapError, UsageError
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import Parameters
 
@@ -36,15 +36,39 @@ _SAID: ContextVar[Said | None] = ContextVar('_SAID', default=None)
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line; with it the streams are ready to be told."""
 
     def __init__(self, program: str, description: str, epilog: str = '') -> None:
+        ready_streams()
         super().__init__(prog=program, description=description, epilog=epilog)
         self.add_argument('--version', action='version', version=f'{program} {__version__}')
 
     def error(self, message: str) -> NoReturn:
         complain(self.prog, f'{message} (see {self.prog} --help)')
         sys.exit(WRONG)
+
+
+class _Forgiving(io.FileIO):
+    """What cannot be said, as nobody listens any longer or the disk is full, is lost; the work is not."""
+
+    def write(self, data: Any, /) -> int:
+        try:
+            return super().write(data)
+        except OSError:
+            return memoryview(data).nbytes
+
+
+def ready_streams() -> None:
+    """Let stdout and stderr take any letter, and stderr anything at all, where they are this process's own."""
+    if sys.stderr is sys.__stderr__ and sys.__stderr__ is not None:
+        raw = _Forgiving(sys.__stderr__.fileno(), 'w', closefd=False)
+        sys.stderr = io.TextIOWrapper(io.BufferedWriter(raw), sys.__stderr__.encoding, line_buffering=True)
+    # A stream that the caller closed is None.
+    sys.stdout, sys.stderr = (stream or Path(os.devnull).open('w', encoding='utf-8')  # noqa: SIM115
+                              for stream in (sys.stdout, sys.stderr))
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal has no letters for is told all the same
+            stream.reconfigure(errors='backslashreplace')
 
 
 def argument(expected: str) -> Callable[[Callable[[str], T]], Callable[[str], T]]:
@@ -135,6 +159,8 @@ def tell_compiling(program: str) -> None:
 
     from polymap_ros.jit import when_compiling
 
+    ready_streams()
+
     def told(text: str) -> None:
         with tqdm.external_write_mode(sys.stderr):
             print(f'{program}: {text}', file=sys.stderr, flush=True)
@@ -149,8 +175,10 @@ def tell(text: str) -> None:
         return
     try:
         print(_visible(text), flush=True)
-    except BrokenPipeError:
+    except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise UsageError(f'standard output: {error.strerror}; what was to be written is written') from error
 
 
 def attempt(program: str, job: Callable[[], int]) -> int:
@@ -169,12 +197,6 @@ def attempt(program: str, job: Callable[[], int]) -> int:
 
 def execute(program: str, job: Callable[[], int]) -> int:
     """Run a command's job as `attempt` does; Ctrl-C becomes status 130, SIGTERM 143, and nothing is left half done."""
-    # A stream that the caller closed is None.
-    sys.stdout, sys.stderr = (stream or Path(os.devnull).open('w', encoding='utf-8')  # noqa: SIM115
-                              for stream in (sys.stdout, sys.stderr))
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # a name that the terminal has no letters for is told all the same
-            stream.reconfigure(errors='backslashreplace')
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
     before = signal.signal(signal.SIGTERM, _terminate)

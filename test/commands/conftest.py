@@ -36,11 +36,12 @@ def command_line(name, *arguments):
 
 @pytest.fixture
 def run(tmp_path):
-    """Run a command in a folder of its own; a traceback is a failure of every test."""
+    """Run a command in a folder of its own; a traceback is a failure of every test. Streams may be other than pipes."""
 
-    def call(name, *arguments):
-        done = subprocess.run(command_line(name, *arguments), cwd=tmp_path, capture_output=True, text=True, timeout=300)
-        assert 'Traceback' not in done.stderr, done.stderr
+    def call(name, *arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE):
+        done = subprocess.run(command_line(name, *arguments), cwd=tmp_path, stdout=stdout, stderr=stderr, text=True,
+                              timeout=300, check=False)
+        assert 'Traceback' not in (done.stderr or ''), done.stderr
         return Outcome(done.returncode, done.stdout, done.stderr)
 
     return call

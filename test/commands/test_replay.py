@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -306,6 +307,21 @@ def test_a_reader_of_the_summary_may_leave(start, triangle, tmp_path):
     assert b'Error' not in err
     assert (tmp_path / 'out' / 'triangle' / 'polygon.json').exists()
     assert (tmp_path / 'out' / 'bare' / 'polygon.json').exists()
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='no device that is always full')
+@pytest.mark.parametrize('jobs', [(), ('--jobs', '2')])
+def test_the_work_is_done_where_nothing_can_be_said_of_it(run, triangle, tmp_path, jobs):
+    with Path('/dev/full').open('w') as full:
+        silent = run('replay', triangle, '--output', 'a', *FAST, *jobs, stderr=full)
+        assert silent.status == 0
+        assert 'triangle: closed: ' in silent.out
+        assert run('replay', 'nowhere', stderr=full).status == 2
+        assert run('replay', '--nothing', stderr=full).status == 2
+        unheard = run('replay', triangle, '--output', 'b', *FAST, *jobs, stdout=full)
+    assert unheard.status == 2
+    assert unheard.complaint.startswith('polymap_replay: error: standard output: No space left on device')
+    assert {path.name for path in (tmp_path / 'a').iterdir()} == {path.name for path in (tmp_path / 'b').iterdir()}
 
 
 def test_the_signals_are_drawn_on_request(call, triangle, tmp_path):
