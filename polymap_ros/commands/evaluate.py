@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 T = TypeVar('T')
 PROGRAM = 'polymap_evaluate'
+MOST_SEEDS = 1_000_000
+RESULTS, TABLE = 'results.csv', 'table.md'
+NAMES = RESULTS, TABLE, 'fig3.png', 'fig4b.png', 'success.png', 'online.png'
 _DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
 rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
 same scenes. "online": the same scenes with an estimate after every ping. "doubt": scenes that no convex polygon
@@ -38,6 +41,7 @@ def _run_experiment(arguments: argparse.Namespace) -> int:
         _refuse(arguments, *(name for name in live.ARGUMENTS if (arguments.experiment, name) != ('speed', 'minutes')))
     if arguments.experiment != 'speed':
         _refuse(arguments, 'growth')
+    _spare(arguments.output)
     return _EXPERIMENTS[arguments.experiment](arguments)
 
 
@@ -89,11 +93,14 @@ def _edges(text: str) -> range:
     return numbers
 
 
-@console.argument('A:B or A:B:STEP with at least one seed, none negative')
+@console.argument(f'A:B or A:B:STEP with one seed to {MOST_SEEDS:,}, from 0 to 2**32')
 def _seeds(text: str) -> range:
     """``A:B`` or ``A:B:STEP``, as in Python's range."""
-    seeds = range(*(int(part) for part in text.split(':', 2)))
-    if ':' not in text or len(seeds) == 0 or min(seeds) < 0:
+    first, *rest = (int(part) for part in text.split(':', 2))
+    if not rest or max(abs(first), *map(abs, rest)) > 2**32:
+        raise ValueError
+    seeds = range(first, *rest)
+    if not 0 < len(seeds) <= MOST_SEEDS or min(seeds[0], seeds[-1]) < 0:
         raise ValueError
     return seeds
 
@@ -215,6 +222,19 @@ _EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': 
                 'live': _live, 'cpu': _live, 'speed': _speed}
 
 
+def _spare(folder: Path) -> None:
+    """Refuse to write where results would take the place of what is not of an earlier run, or of one interrupted."""
+    from polymap_ros.errors import UsageError
+    from polymap_ros.evaluation.rows import PartialRows
+
+    if (partial := PartialRows(folder).path).exists():
+        raise UsageError(f'{partial}: has the rows of a run that was interrupted; move it, or choose another --output')
+    found = [name for name in NAMES if (folder / name).exists()]
+    if found and RESULTS not in found:
+        raise UsageError(f'{folder}: holds {", ".join(found)} and no {RESULTS}, so that is not of an earlier run, and '
+                         'the results would take its place; choose another --output')
+
+
 def _variant(arguments: argparse.Namespace) -> tuple[str, str]:
     """Name of the variant, and a title for its pictures."""
     from polymap_ros.errors import UsageError
@@ -280,20 +300,22 @@ def _job(function: Callable[..., T], *job: Any) -> T:
 
 
 def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict[str, Any]) -> None:
-    """Print the table; write it, results.csv and the pictures, each whole or not at all."""
+    """Print the table; write it, results.csv and the pictures, each whole or not at all, and none of two runs."""
     from polymap_ros.atomic import move_into_place, staging
     from polymap_ros.evaluation.rows import PartialRows, csv_text
 
-    with staging(folder / 'results.csv') as stage:
-        (stage / 'results.csv').write_text(csv_text(results), encoding='utf-8')
-        (stage / 'table.md').write_text(f'{table}\n', encoding='utf-8')
+    with staging(folder / RESULTS) as stage:
+        (stage / RESULTS).write_text(csv_text(results), encoding='utf-8')
+        (stage / TABLE).write_text(f'{table}\n', encoding='utf-8')
         for name, figure in pictures.items():
             figure.savefig(stage / name, dpi=150)
-        for path in sorted(stage.iterdir()):
-            move_into_place(path, folder / path.name)
+        for name in NAMES:  # of an earlier run, which may have had others
+            (folder / name).unlink(missing_ok=True)
+        for name in (RESULTS, TABLE, *pictures):
+            move_into_place(stage / name, folder / name)
     PartialRows(folder).discard()
     console.tell(table)
-    console.tell(f'\n{folder}: {", ".join(("results.csv", "table.md", *pictures))}')
+    console.tell(f'\n{folder}: {", ".join((RESULTS, TABLE, *pictures))}')
 
 
 if __name__ == '__main__':

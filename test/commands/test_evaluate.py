@@ -129,6 +129,9 @@ def test_wrong_use_is_one_line_and_status_2(tmp_path, capsys, arguments, word):
     ['random'], ['everything', '--output', 'x'], ['random', '--output', 'x', '--edges', '2-4'],
     ['random', '--output', 'x', '--edges', '5-4'], ['random', '--output', 'x', '--seeds', '3'],
     ['random', '--output', 'x', '--seeds', '3:3'], ['random', '--output', 'x', '--seeds', '0:9:0'],
+    ['random', '--output', 'x', '--seeds', f'0:{10**22}'],
+    ['random', '--output', 'x', '--seeds', f'{10**22}:{10**22 + 1}'],
+    ['random', '--output', 'x', '--seeds', '0:2000000'],
     ['random', '--output', 'x', '--jobs', '0'], ['random', '--output', 'x', '--snr-db', 'loud'],
     ['random', '--output', 'x', '--snr-db', 'nan'],
 ])
@@ -172,6 +175,22 @@ def test_interrupted_is_status_130_and_the_rows_so_far_are_kept(tmp_path):
     assert 'Traceback' not in rest
     assert [path.name for path in tmp_path.iterdir()] == ['results.partial.csv']
     assert {row['edges'] for row in rows(partial)} == {'3'}
+
+
+@pytest.mark.parametrize('name', ['table.md', 'success.png', 'results.partial.csv'])
+def test_results_take_the_place_of_nothing_that_is_not_of_an_earlier_run(tmp_path, capsys, name):
+    (tmp_path / name).write_text('mine')
+    assert main(['random', '--edges', '3', '--seeds', '0:1', '--method', 'rectangle', '--output', str(tmp_path)]) == 2
+    assert capsys.readouterr().err.count(name) == 1
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, 'mine')]
+
+
+def test_of_an_earlier_run_nothing_is_left_beside_the_results(tmp_path):
+    scene = ['--edges', '3', '--seeds', '0:1', '--method', 'rectangle', '--output', str(tmp_path)]
+    assert main(['random', *scene]) == 0
+    (tmp_path / 'notes.txt').write_text('mine')
+    assert main(['doubt', '--variant', 'nearly_straight', *scene]) == 0
+    assert {path.name for path in tmp_path.iterdir()} == {'results.csv', 'table.md', 'notes.txt'}
 
 
 def test_help_does_not_load_what_it_does_not_need():
