@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from polymap_ros.commands import console
 from polymap_ros.commands.ros import require_ros, without_ros_arguments
-from polymap_ros.errors import UsageError
+from polymap_ros.errors import RecordingError, UsageError
 
 if TYPE_CHECKING:
     from polymap_ros.recordings.reading import Recording
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 PROGRAM = 'polymap_play'
 WAIT_S = 5.0
 FLUSH_S = 5.0
+SLOWEST, FASTEST = 1e-6, 1e9
+LAST_NS = 2**31 * 10**9
+"""Where ROS's seconds end, and with them /clock."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -39,8 +42,8 @@ def _parser() -> console.Parser:
 
 
 def _play(options: argparse.Namespace, command_line: list[str]) -> int:
-    if not 0.0 < options.rate < float('inf'):
-        raise UsageError(f'--rate {options.rate:g}; allowed: above 0')
+    if not SLOWEST <= options.rate <= FASTEST:
+        raise UsageError(f'--rate {options.rate:g}; allowed: {SLOWEST:g} to {FASTEST:g}')
     parameters = console.read_parameters(options)
     require_ros()
     from polymap_ros.node.player import playing
@@ -66,6 +69,9 @@ def _play(options: argparse.Namespace, command_line: list[str]) -> int:
 
 def _renamed(recording: 'Recording', names: dict[str, str]) -> Iterator[tuple[str, str, Any, int]]:
     for topic, type_name, message, log_ns in recording.messages(names):
+        if not 0 <= log_ns < LAST_NS:
+            raise RecordingError(f'{recording.path}: a message on {topic} was logged at {log_ns * 1e-9:.9g} s, which '
+                                 'is beyond /clock')
         yield names[topic], type_name, message, log_ns
 
 

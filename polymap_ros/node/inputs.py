@@ -4,12 +4,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible, qos_policy_name_from_kind
 
-from polymap_ros.errors import ParameterError
+from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.node.factory import message_class
 from polymap_ros.node.qos import overridable, sensor_input
 from polymap_ros.node.stopwatch import Stopwatch
@@ -36,6 +37,8 @@ class Input:
 
     Raises
     ------
+    UsageError
+        For a topic that has another type in this node.
     ParameterError
         For a QoS override that is not allowed.
 
@@ -61,6 +64,9 @@ class Input:
             self._subscription = node.create_subscription(
                 message_class(type_name), topic, stopwatch.timed(topic, self._received), sensor_input(),
                 event_callbacks=events, qos_overriding_options=overridable())
+        except RCLError as error:  # of the topic, and rcl's words lead nowhere: invalid allocator
+            raise UsageError(f'{node.resolve_topic_name(topic)} cannot be subscribed to as {type_name}: is it remapped '
+                             'to another topic of this node?') from error
         except (RuntimeError, ValueError, TypeError, ParameterException) as error:
             name = f'qos_overrides.{node.resolve_topic_name(topic)}.subscription.*'
             raise ParameterError(name, str(error)) from error

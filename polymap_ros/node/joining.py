@@ -6,6 +6,7 @@ from typing import Any
 
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.exceptions import ParameterException
 from rclpy.logging import LoggingSeverity
 
 from polymap_ros.errors import UsageError
@@ -27,10 +28,12 @@ def init(name: str, arguments: Sequence[str], **options: Any) -> None:
 
 @contextmanager
 def refusals_told() -> Iterator[None]:
-    """Errors of rcl as `UsageError`, without the places in its sources."""
+    """What rcl refuses, such as a topic of two types, as `UsageError`, without the places in its sources."""
     try:
         yield
     except UnknownROSArgsError as error:
         raise UsageError(f'unknown ROS arguments: {error}') from error
     except (RCLError, RCLInvalidROSArgsError) as error:
         raise UsageError(str(error).partition(', at ')[0]) from error
+    except ParameterException as error:  # such as use_sim_time:=5
+        raise UsageError(str(error)) from error

@@ -9,7 +9,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from polymap_ros.errors import BadOdometry, BadPing
+from polymap_ros.errors import BadOdometry, BadPing, UsageError
 from polymap_ros.jit import when_compiling
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.plane import SpatialPose
@@ -22,7 +22,6 @@ from polymap_ros.node.declaration import LiveParameters, declare
 from polymap_ros.node.diagnostics import Diagnostics, Parts
 from polymap_ros.node.factory import fields_of
 from polymap_ros.node.inputs import Input
-from polymap_ros.node.joining import refusals_told
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.later import Later
 from polymap_ros.node.publishers import Outputs
@@ -51,7 +50,7 @@ class PolymapNode(Node):  # type: ignore[misc]
     Raises
     ------
     UsageError
-        Where the middleware takes no node.
+        Where both inputs are one topic.
     ParameterError
         For parameters that are not allowed.
     StateError
@@ -59,8 +58,7 @@ class PolymapNode(Node):  # type: ignore[misc]
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
-        with refusals_told():
-            super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
+        super().__init__(NODE_NAME, automatically_declare_parameters_from_overrides=True)
         parameters = declare(self, arguments)
         check_echo_fields(parameters.echo, fields_of)
         self._log_parameters(parameters)
@@ -89,6 +87,8 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._solving.set_period(parameters.solver.period_s)
         self._saver = Saver(self, self._mapper, lambda: self._live.current, watch)
         self._watch_clock()
+        if self.resolve_topic_name('odom') == (echo := self.resolve_topic_name('echo')):
+            raise UsageError(f'odom and echo are both remapped to {echo}, and a topic has one type')
         self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry, watch)
         self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo, watch)
         parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver, watch)

@@ -36,8 +36,7 @@ class Player(Node):  # type: ignore[misc]
     """
 
     def __init__(self, topics: dict[str, str], rate: float = 1.0) -> None:
-        with refusals_told():
-            super().__init__(PLAYER_NAME, start_parameter_services=False)
+        super().__init__(PLAYER_NAME, start_parameter_services=False)
         self._rate = rate
         self._publishers_by_topic = {
             topic: self.create_publisher(message_class(type_name), topic, played())
@@ -92,7 +91,8 @@ def playing(topics: dict[str, str], rate: float, arguments: Sequence[str]) -> It
     """A player while the ``with`` block lasts; Ctrl-C is left to Python, and interrupts it at once."""
     init(PLAYER_NAME, arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        player = Player(topics, rate)
+        with refusals_told():
+            player = Player(topics, rate)
         try:
             yield player
         finally:

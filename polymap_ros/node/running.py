@@ -10,7 +10,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 
 from polymap_ros.errors import UsageError
-from polymap_ros.node.joining import init
+from polymap_ros.node.joining import init, refusals_told
 from polymap_ros.node.node import PolymapNode
 from polymap_ros.parameters import NODE_NAME
 
@@ -33,7 +33,8 @@ def run(arguments: Sequence[str]) -> None:
     sys.setswitchinterval(SWITCH_S)
     init(NODE_NAME, arguments)
     try:
-        node = PolymapNode(arguments)
+        with refusals_told():
+            node = PolymapNode(arguments)
         gc.collect()
         gc.freeze()  # all that was imported and compiled; to look through it for garbage takes 50 ms and more
         _spin(node)

@@ -413,6 +413,26 @@ def test_start_that_cannot_work_is_one_line_and_status_2(start, arguments, says)
     assert len(node.lines) == 1
 
 
+@pytest.mark.parametrize(('remaps', 'says'), [
+    (['odom:=x', 'echo:=x'], 'odom and echo are both remapped to /x'), (['odom:=/diagnostics'], 'type'),
+    (['~/polygon:=/odom'], '/odom cannot be subscribed to as nav_msgs/msg/Odometry'),
+])
+def test_a_topic_of_two_types_is_told(start, remaps, says):
+    node = start('--ros-args', *(part for remap in remaps for part in ('-r', remap)), ready='')
+    assert node.end() == 2
+    assert node.lines[-1].startswith('polymap_node: error: ')
+    assert says in node.lines[-1]
+    assert not any('Traceback' in line for line in node.lines)
+
+
+def test_a_parameter_file_that_is_no_text_is_told(start, tmp_path):
+    (tmp_path / 'wide.yaml').write_bytes('polymap_node:\n'.encode('utf-16'))
+    node = start('--ros-args', '--params-file', str(tmp_path / 'wide.yaml'), ready='')
+    assert node.end() == 2
+    assert 'wide.yaml' in node.lines[-1]
+    assert not any('Traceback' in line for line in node.lines)
+
+
 @pytest.mark.parametrize('command', [['node'], ['play', TRIANGLE]])
 @pytest.mark.parametrize('folders', [[], ['enclaves', 'public', 'private']])
 def test_where_dds_security_is_asked_for_and_cannot_be_had_it_is_told(start, tmp_path, monkeypatch, command, folders):

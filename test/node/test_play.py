@@ -84,7 +84,8 @@ def test_topics_are_remapped_and_namespaced(peer, start, recording):
 
 @pytest.mark.parametrize(('arguments', 'says'), [
     (['nowhere.mcap'], 'nowhere.mcap: no such recording'), (['{recording}'], 'no topic /echo'),
-    (['{recording}', '--rate', '-1'], '--rate -1'), (['{recording}', '--speed', '2'], '--speed'),
+    (['{recording}', '--rate', '-1'], '--rate -1'), (['{recording}', '--rate', '1e-9'], '--rate 1e-09; allowed: 1e-06'),
+    (['{recording}', '--rate', '1e308'], '--rate 1e+308'), (['{recording}', '--speed', '2'], '--speed'),
     (['{recording}', '-p', 'topics.eco:=x'], 'did you mean topics.echo'),
     (['{recording}', '-p', 'topics.echo:=/sonar/raw', '--ros-args', '-r', 'odom:=1st'], "remap rule: '-r odom:=1st'"),
     (['{recording}', '-p', 'topics.echo:=/sonar/raw', '--ros-args', '--odom'], "unknown ROS arguments: ['--odom']"),
@@ -94,3 +95,26 @@ def test_wrong_use_is_one_line_and_status_2(start, recording, arguments, says):
     assert process.end() == 2
     assert len(process.lines) == 1
     assert says in process.lines[0]
+
+
+@pytest.mark.parametrize(('ros', 'says'), [
+    (['-p', 'use_sim_time:=5'], 'use_sim_time'), (['-r', 'odom:=x', '-r', 'echo:=x'], 'type'),
+    (['-r', 'odom:=/clock'], 'type'),
+])
+def test_what_rcl_refuses_is_told_without_a_traceback(start, recording, ros, says):
+    process = play(start, recording, '--ros-args', *ros)
+    assert process.end() == 2
+    assert process.lines[-1].startswith('polymap_play: error: ')
+    assert says in process.lines[-1]
+    assert not any('Traceback' in line for line in process.lines)
+
+
+def test_messages_beyond_the_end_of_clock_are_not_played(start, tmp_path):
+    path = tmp_path / 'late.mcap'
+    with RecordingWriter(path) as writer:
+        for topic, message in (('/odom', odometry_message(make, 0, 'odom', Pose(0.0, 0.0))),
+                               ('/sonar/raw', echo_message(make, Ping(0, np.ones(8, np.float32), 1e-6)))):
+            writer.write(topic, message, 2**31 * 10**9)
+    process = start(str(path), '-p', 'topics.echo:=/sonar/raw', '--wait', '0', command='play', ready='')
+    assert process.end() == 2
+    assert 'late.mcap: a message on /odom was logged at 2.14748365e+09 s, which is beyond /clock' in process.lines[-1]
