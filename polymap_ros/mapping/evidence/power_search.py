@@ -56,7 +56,7 @@ class PowerSearch:
         self.power = PowerLikelihood(data)
         self._share = max(min(len(data.positions) // _ENOUGH, _FEW), 1)
         self.few = PowerLikelihood(data.every(self._share))
-        self._max_edges = max_edges
+        self.max_edges = max_edges
         self._generator = generator
         self._start = self.power.initial(0.0)
         self._expected = 1.0 + self._start.background[None, :]
@@ -88,7 +88,7 @@ class PowerSearch:
         """The subset of candidates with the most first-order evidence at an assumed strength."""
         evidence = foot_evidence(self.data, self._expected, strength)
         return annealed_subset(
-            self.data, candidates, evidence, PRICE, self._max_edges, iterations, self._generator)
+            self.data, candidates, evidence, PRICE, self.max_edges, iterations, self._generator)
 
     def improve(self, model: Model, order: int, residual: bool) -> Steps:
         """Add, drop and exchange edges while the power likelihood less its price grows.
@@ -134,7 +134,7 @@ class PowerSearch:
             else:  # nothing closes without it: exchange it for lines that face the same way
                 turn = np.abs(np.angle(np.exp(1j * (pool[:, 1] - model.lines[wall, 1]))))
                 trials += [self._with_line(fewer, line) for line in pool[turn < 1.0][:12]]
-        allowed = [trial for trial in trials if trial is not None and len(trial.lines) <= self._max_edges]
+        allowed = [trial for trial in trials if trial is not None and len(trial.lines) <= self.max_edges]
         few = [trial for trial, _ in _best_first(allowed, lambda trial: self._share * self.few(trial, order))]
         return _best_first(few[:_SCORED], lambda trial: self.power(trial, order))
 

@@ -100,7 +100,7 @@ class Search(PowerSearch):
 
     def over(self, data: EchoData) -> 'Search':
         """The same search over other data."""
-        return Search(data, self._max_edges, self._generator, self.coherent, self.dispersed)
+        return Search(data, self.max_edges, self._generator, self.coherent, self.dispersed)
 
     def polygon(self, start: Model) -> Generator[None, None, Found | None]:
         """Improve a start by single changes: power of two orders, then of three, then the waveform of five."""
@@ -254,7 +254,7 @@ class Search(PowerSearch):
 
     def _added(self, model: Model, wave: Wave) -> Generator[None, None, Wave | None]:
         """The best waveform with one edge more, proposed by what the waveform leaves unexplained."""
-        if len(wave.lines) >= self._max_edges:
+        if len(wave.lines) >= self.max_edges:
             return None
         left = dataclasses.replace(self.data, power=self.wave.residual_power(wave, FULL_ORDER))
         expected = np.maximum(np.mean(left.power, axis=0, keepdims=True), 1.0)
@@ -268,7 +268,7 @@ class Search(PowerSearch):
 
         Power tells roughly where, and the waveform, by a part of the pings, which of these and how far from the corner.
         """
-        if len(wave.lines) >= self._max_edges:
+        if len(wave.lines) >= self.max_edges:
             return None
         base = self._base(model, wave)
         _, corners = corners_of(wave.lines)
@@ -373,7 +373,7 @@ class Search(PowerSearch):
         refined = []
         for line in lines:
             trial = self._with_line(base, line)
-            if trial is None or len(trial.lines) > self._max_edges or not np.isfinite(self.power(trial, SEARCH_ORDER)):
+            if trial is None or len(trial.lines) > self.max_edges or not np.isfinite(self.power(trial, SEARCH_ORDER)):
                 continue
             yield
             trial, _ = self.power.refine(trial, 2, 3)

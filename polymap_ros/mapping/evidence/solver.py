@@ -18,7 +18,7 @@ from polymap_ros.mapping.evidence.moved_pings import MovedPings
 from polymap_ros.mapping.evidence.paths import corners_of
 from polymap_ros.mapping.evidence.proposals import Candidates
 from polymap_ros.mapping.evidence.search import Found, Search
-from polymap_ros.mapping.lines import feet_on_edges, mirrored_lines, polygon_lines
+from polymap_ros.mapping.lines import feet_on_edges, half_plane_polygon, mirrored_lines, polygon_lines
 from polymap_ros.mapping.snapshot import Snapshot
 from polymap_ros.mapping.solver import Evidence
 from polymap_ros.mapping.straightness import path_axis, path_half_width
@@ -273,8 +273,13 @@ def _dispersion(search: Search) -> list[Caution]:
 
 
 def _open(snapshot: Snapshot, evidence: Evidence, search: Search, straight: list[Caution]) -> Estimate:
-    walls = _proven_by_first_echoes(snapshot, evidence, straight)
-    caution = Caution('not_closed', f'walls that are certain: {len(walls)}; they bound no area')
+    walls, most = _proven_by_first_echoes(snapshot, evidence, straight), search.max_edges
+    reason = 'they bound no area'
+    if len(walls) > most:
+        reason = f'solver.max_edges allows {most}'
+    elif len(half_plane_polygon([(wall.r, wall.theta) for wall in walls])[1]):
+        reason = 'they bound an area, but no polygon that was found explains the echoes'
+    caution = Caution('not_closed', f'walls that are certain: {len(walls)}; {reason}')
     return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
                     cautions=(*straight, caution, *_dispersion(search)))
 

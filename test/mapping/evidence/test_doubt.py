@@ -16,6 +16,7 @@ from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.doubtful_scenes import KINDS
 from polymap_ros.simulation.random_scenes import Recipe, air_filled, random_scene
+from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs
 from polymap_ros.simulation.waveforms import simulate
@@ -39,6 +40,15 @@ def test_what_is_unexplained_may_need_more_edges_than_are_allowed(hexagon, liste
     estimate = listen(scene, samples, changes={'solver.max_edges': 5}).solve()
     told, = [caution.text for caution in estimate.cautions if caution.code == 'unexplained']
     assert told.endswith('it has all the edges that solver.max_edges allows (5)')
+
+
+def test_that_more_edges_are_certain_than_are_allowed_is_told(listen):
+    """Five walls are heard by themselves, and no polygon of four explains half of the echoes."""
+    estimate = listen(load_scene('pentagon'), changes={'solver.max_edges': 4}).solve()
+    assert estimate.status == 'open'
+    assert len(estimate.walls) == 5
+    told, = [caution.text for caution in estimate.cautions if caution.code == 'not_closed']
+    assert told == 'walls that are certain: 5; solver.max_edges allows 4'
 
 
 @pytest.mark.parametrize('count', [0, 1, 2])

@@ -275,7 +275,7 @@ def test_a_wall_that_is_missing_is_added_and_nothing_else(wall, in_pentagon, fin
     added = finished(search._added(right.model, fewer))
     np.testing.assert_allclose(added.lines, right.lines, atol=1e-4)
     np.testing.assert_allclose(added.reflection, right.reflection, atol=1e-2)
-    search._max_edges = 4
+    search.max_edges = 4
     assert finished(search._added(right.model, fewer)) is None
 
 
