@@ -1,8 +1,10 @@
 """What is sure of the walls: the place that all pings share, an edge that is not there."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import shapely
 from shapely import affinity
 
@@ -39,10 +41,12 @@ def test_where_positions_are_off_all_walls_share_their_shift_and_turn():
                                covariance / np.outer(scale, scale), atol=0.1)
 
 
-def test_an_edge_across_a_corner_that_is_there_is_none_and_costs_the_others_nothing(finished):
+@pytest.mark.parametrize('coherent', [True, False])
+def test_an_edge_across_a_corner_that_is_there_is_none_and_costs_the_others_nothing(coherent, finished):
     scene = random_scene(0, 4)
     mapper = filled_mapper(scene, Parameters())
     search = search_of(mapper.evidence, mapper.parameters)
+    search.coherent = coherent
     truth = polygon_lines(Pose(*scene.poses[0]).inverse().apply(scene.vertices))
     truth = truth[np.argsort(truth[:, 1])]
     for cut in corner_cuts(truth[:, 1], corners_of(truth)[1], [0.02])[:4]:
@@ -72,3 +76,31 @@ def test_a_wall_in_two_halves_that_turn_a_little_could_go_without_either(in_pent
     halved = np.isin(np.arange(6), (2, 3))
     assert likelihood[halved].max() < 0.01
     assert likelihood[~halved].min() > 0.9
+
+
+def test_what_is_left_unexplained_is_doubt_as_far_as_it_is_no_noise(in_pentagon, finished):
+    """From 0.85 of what can be measured to three standard deviations."""
+    search = Search(in_pentagon.data, 10, np.random.default_rng(1))
+    right = search.judge(search.power.initial(1.0).with_lines(in_pentagon.lines))
+    assert 0.001 < search.uncertainty < 0.1
+    for explained in (0.85, 0.85 - search.uncertainty, 0.5):
+        likelihood = finished(certainty_of(search, right._replace(explained=explained))).likelihood
+        np.testing.assert_allclose(likelihood, min((explained + search.uncertainty) / 0.85, 1.0), rtol=1e-6)
+
+
+def test_deviations_grow_with_what_the_pings_disagree_about(in_pentagon, finished):
+    """By the sandwich of the scores, each wall by itself; the same scores three times over are three times as much."""
+    search = Search(in_pentagon.data, 10, np.random.default_rng(1))
+    right = search.judge(search.power.initial(1.0).with_lines(in_pentagon.lines))
+    wave, pings = right.wave, len(in_pentagon.data.positions)
+    inverse = np.linalg.inv(wave.information)
+    cycle = np.pi / search.data.pulse.carrier
+    for times in (1.0, 3.0, 10.0):
+        scores = times * wave.scores
+        spread = inverse @ (pings * np.cov(scores.T, bias=True)) @ inverse * pings / (pings - 3)
+        walls = np.arange(15).reshape(5, 3)[:, :2]
+        growth = np.mean(np.diag(spread)[walls] / np.diag(inverse)[walls], axis=1)
+        expected = np.diag(inverse)[walls] * np.maximum(growth, 1.0)[:, None]
+        expected[:, 0] += (7e-4 * cycle) ** 2
+        found = certainty_of(search, right._replace(wave=dataclasses.replace(wave, scores=scores)))
+        np.testing.assert_allclose(np.diag(finished(found).covariance).reshape(5, 2), expected, rtol=1e-5)

@@ -181,6 +181,16 @@ def test_each_pings_gradient_is_that_of_its_samples(triangle_heard, synthesise, 
     np.testing.assert_allclose(wave.scores / scale, expected.T / scale, rtol=0.05, atol=0.1)
 
 
+def test_each_pings_share_is_that_of_its_samples(pentagon_heard, synthesise):
+    likelihood = WaveformLikelihood(pentagon_heard.data)
+    wave = likelihood.evaluate(pentagon_heard.lines, pentagon_heard.reflection, 0.0, 3)
+    shares = likelihood.shares(wave, 3)
+    _, expected = ratio(pentagon_heard, synthesise(wave.lines, wave.reflection, pentagon_heard.data.positions, 3),
+                        wave.phase)
+    np.testing.assert_allclose(shares, expected, rtol=0.02, atol=0.5)
+    assert shares.sum() == pytest.approx(wave.value + prior(wave.reflection), rel=1e-9)
+
+
 def left_of(slopes, nuisances):
     """What a basis of nuisances leaves of each row of derivatives."""
     basis = nuisances.reshape(len(nuisances), -1).T
