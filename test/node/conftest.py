@@ -41,6 +41,7 @@ class Process:
         self.popen = subprocess.Popen(
             [sys.executable, '-m', f'polymap_ros.commands.{command}', *arguments], text=True,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True,
+            env={**os.environ, 'PYTHONFAULTHANDLER': '1'},
         )
         self.lines: list[str] = []
         self._queue: queue.Queue[str | None] = queue.Queue()
@@ -72,6 +73,8 @@ class Process:
         status = self.popen.wait(timeout_s)
         while (line := self._queue.get(timeout=timeout_s)) is not None:
             self.lines.append(line)
+        if status < 0 and status != -signal.SIGKILL:
+            pytest.fail(f'ended by signal {-status}; output:\n' + '\n'.join(self.lines))
         return status
 
     def stop(self, number: signal.Signals = signal.SIGINT) -> int:
