@@ -80,6 +80,11 @@ class Diagnostics:
             if found != OK:
                 self._log(found, text, now_s)
 
+    def begin_anew(self) -> None:
+        """The map is reset, and what it counted with it."""
+        self._before = self._counts()
+        self._recent.clear()
+
     def _counts(self) -> Counter[str]:
         parts = self._parts
         counts = Counter({f'dropped {reason}': n for reason, n in parts.mapper.counts.dropped.items()})

@@ -105,6 +105,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._mapper.reset()
         self._solving.drop()
         self._saver.begin_anew()
+        self._diagnostics.begin_anew()
         self._outputs.clear(frame_id)
 
     def close(self) -> None:

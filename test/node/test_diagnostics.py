@@ -92,6 +92,18 @@ def test_a_dropped_ping_is_told_for_seconds(peer, start, riding):
     assert told()[told().index(True):].index(False) == sum(told()), 'without a break'
 
 
+def test_after_a_reset_what_was_dropped_before_is_no_longer_told(peer, start, riding):
+    start('--ros-args', *RELIABLE)
+    values, ride = peer.diagnostics(), riding()
+    for _ in range(3):
+        ride.ping(SECOND_NS, [])
+    peer.spin_until(lambda: 'too_short' in values().get('message', ''), 'the drops')
+    assert peer.call('/polymap_node/reset', 'std_srvs/srv/Trigger').success
+    ride.ping(SECOND_NS, np.zeros(2048))
+    peer.spin_until(lambda: 'bad_samples' in values()['message'], 'the drop after the reset')
+    assert 'too_short' not in values()['message']
+
+
 @pytest.mark.parametrize('method', ['evidence', 'paper'])
 def test_straight_path_is_told_and_gives_no_polygon_and_no_map(peer, start, riding, method):
     start('--ros-args', *RELIABLE, '-p', f'solver.method:={method}', '-p', 'solver.period_s:=0.2')
