@@ -4,12 +4,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.interpolate import KroghInterpolator
 from scipy.signal import hilbert
 
 from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.mapping.evidence.wave_sums import _cubic
 from polymap_ros.mapping.evidence.waveform import WaveformLikelihood, gradient
 from polymap_ros.mapping.lines import polygon_lines
 from polymap_ros.mapping.listening import Listener
@@ -339,3 +341,15 @@ def test_the_truth_leaves_noise(in_pentagon):
     assert left.mean() == pytest.approx(1.0, abs=0.05)
     for level in (0.5, 1.0, 2.0, 4.0):
         assert np.mean(left > level) == pytest.approx(np.exp(-level), abs=0.03)
+
+
+def test_between_samples_stands_the_cubic_through_four_of_them():
+    """Value and slope, against scipy's polynomial through the same points."""
+    generator = np.random.default_rng(1)
+    samples = generator.normal(size=12) + 1j * generator.normal(size=12)
+    for at in generator.uniform(1.0, 10.0, size=50):
+        around = np.arange(int(at) - 1, int(at) + 3)
+        through = KroghInterpolator(around, samples[around])
+        value, slope = _cubic(samples, at)
+        assert value == pytest.approx(complex(through(at)), rel=1e-9)
+        assert slope == pytest.approx(complex(through.derivative(at)), rel=1e-9)
