@@ -22,6 +22,8 @@ from polymap_ros.parameters import Parameters
 
 T = TypeVar('T')
 DONE, NO_POLYGON, WRONG, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+AGAIN_S = 5.0
+"""Longer than a job takes to clean up after itself."""
 
 
 @dataclass
@@ -206,6 +208,7 @@ def execute(program: str, job: Callable[[], int]) -> int:
         complain(program, str(stop) or 'interrupted')
         return TERMINATED if isinstance(stop, _Terminated) else INTERRUPTED
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, before)
 
 
@@ -213,7 +216,17 @@ class _Terminated(KeyboardInterrupt):
     """SIGTERM, which ends a command as Ctrl-C does."""
 
 
+def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> None:
+    """Let a handler that raises be called again in a while, unless `signal.setitimer` is set to 0 before.
+
+    What is raised in a finalizer or a callback from C, Python tells on stderr and goes on.
+    """
+    signal.signal(signal.SIGALRM, handler)
+    signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+
+
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    again_if_ignored(_terminate)
     raise _Terminated('terminated')
 
 

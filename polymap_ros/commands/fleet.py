@@ -137,9 +137,11 @@ def _in_process(job: Callable[..., int], *arguments: Any) -> Done:
     except KeyboardInterrupt:
         os._exit(console.TERMINATED)
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    console.again_if_ignored(_stop)
     raise KeyboardInterrupt

@@ -74,7 +74,7 @@ def test_a_signal_ends_all_processes_and_nothing_is_half_written(start, copies, 
 
 
 JOB = '''
-import os, signal
+import os, signal, time
 from polymap_ros.commands import console
 
 def job(name, marker, how):
@@ -86,6 +86,13 @@ def job(name, marker, how):
         signal.alarm(30)
         open(marker.parent / 'meeting', how).close()
         signal.alarm(0)
+    if how == 'deaf':  # to what is raised in a finalizer
+        class Finalized:
+            def __del__(self):
+                os.kill(os.getppid(), signal.SIGTERM)
+                time.sleep(60)
+        Finalized()
+        time.sleep(60)
     console.tell(f'{name} is done')
     return console.DONE
 '''
@@ -115,6 +122,20 @@ def test_after_a_process_ended_abruptly_as_many_work_at_once(tmp_path, monkeypat
     job, jobs = abrupt_jobs(tmp_path, monkeypatch, ('once', 'r', 'w'))
     assert fleet.run_all('polymap_replay', job, jobs, 2, None) == 0
     assert sorted(capfd.readouterr().out.split('\n')[:-1]) == ['job 0 is done', 'job 1 is done', 'job 2 is done']
+
+
+def test_a_process_that_is_deaf_to_the_first_signal_ends_with_the_others(tmp_path):
+    """Python ignores what a signal raises while an object is finalized, and goes on."""
+    (tmp_path / 'abrupt.py').write_text(JOB)
+    code = ('import sys; from pathlib import Path; from abrupt import job; '
+            'from polymap_ros.commands import console, fleet; '
+            "jobs = [(str(k), Path('x'), 'deaf') for k in range(2)]; "
+            "sys.exit(console.execute('polymap_replay', lambda: fleet.run_all('polymap_replay', job, jobs, 2, None)))")
+    done = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(tmp_path)},
+                          capture_output=True, text=True, timeout=50, check=False)
+    assert done.returncode == 143, done.stderr
+    assert 'polymap_replay: terminated' in done.stderr
+    assert 'Exception ignored in' in done.stderr
 
 
 def test_a_cluster_that_is_not_there_is_one_line(call, triangle, monkeypatch):
