@@ -27,7 +27,7 @@ from polymap_ros.parameters import GridParameters, MediumParameters, Parameters,
 from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.faults import Faults
-from polymap_ros.simulation.scenes import Scene, counter_clockwise
+from polymap_ros.simulation.scenes import Scene, check_bounds, counter_clockwise
 from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
 
 ReadPath = Callable[[Path, str], NDArray[np.float64]]
@@ -105,6 +105,7 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
             values[key] = document[key]
         else:
             values[key] = _number(document, key)
+            check_bounds(key, values[key])  # before a path is drawn from the seed
     pulse = values.get('pulse', PulseParameters())
     values['recorded_pulse'] = read_pulse(Parameters(pulse=pulse, folder=folder))
     if 'trajectory' in document:

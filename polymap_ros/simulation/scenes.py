@@ -18,7 +18,7 @@ from polymap_ros.parameters import (
 from polymap_ros.simulation.faults import Faults, reported
 
 MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
-"""Pings, samples of all of them, and messages of odometry that a scene may have; more than memory is there for."""
+"""Pings, samples of all of them, and messages of odometry that a scene may have: slips are told by name."""
 
 FARTHEST_M, LAST_S = 1e9, 2.0**31 - 1.0
 """As far as the mapper takes poses, and as late as a stamp can be."""
@@ -113,10 +113,9 @@ class Scene:
             if not clearances.min() > 0.0:
                 index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
                 raise SceneError(f'the sensor is not inside the polygon at pose {index}')
-        for name, (low, high) in _BOUNDS.items():
-            value = getattr(self, name)
-            if not (value is None and name == 'snr_db') and not low <= value <= high:
-                raise SceneError(f'{name} must be from {low:g} to {high:g}, found {value!r}')
+        for name in _BOUNDS:
+            if name != 'snr_db' or self.snr_db is not None:
+                check_bounds(name, getattr(self, name))
         self._check_size()
 
     def _check_size(self) -> None:
@@ -187,6 +186,13 @@ class Scene:
         return dataclasses.replace(
             base, medium=self.told_medium or self.medium, pulse=self.pulse, echo=echo, sensor=self.sensor,
             grid=self.grid)
+
+
+def check_bounds(name: str, value: float) -> None:
+    """Raise `SceneError` for a number of a scene that is beyond its bounds."""
+    low, high = _BOUNDS[name]
+    if not low <= value <= high:
+        raise SceneError(f'{name} must be from {low:g} to {high:g}, found {value!r}')
 
 
 def sensor_positions(poses: NDArray[np.float64], sensor: SensorParameters) -> NDArray[np.float64]:

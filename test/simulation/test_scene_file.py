@@ -116,6 +116,7 @@ trajectory: {recording: drive, topic: /wheels, pings: 20, clearance_m: 0.1, turn
     (ROOM + 'trajectory: {recording: drive, pings: 0, clearance_m: 0.1}', 'a trajectory of 0 pings'),
     (ROOM + 'trajectory: {recording: drive, pings: 3, clearance_m: 0.1, turn_deg: .inf}', 'recording|turn_deg'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nseed: -1', 'seed must be from 0'),
+    (ROOM + 'trajectory: {pings: 3, step_m: 0.1, clearance_m: 0.1}\nseed: -1', 'seed must be from 0'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nsnr_db: -1e5', 'snr_db must be from -300 to 300'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nsample_rate_hz: 1e-300', 'sample_rate_hz must be from'),
     (ROOM + 'poses: [[0.5, 0.5, 0]]\nn_samples: 1000000000000', 'n_samples must be from'),
