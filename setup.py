@@ -15,7 +15,8 @@ setup(
     author='The polymap_ros maintainers',
     python_requires='>=3.11',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed', 'config/*']},
+    package_dir={'': '.'},  # an editable install is then found before a folder of this name, such as the clone itself
+    package_data={NAME: ['py.typed', 'config/*', 'results/report/templates/*']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -48,7 +49,8 @@ setup(
         'plot': ['matplotlib>=3.6,<4'],
         'export': ['ezdxf>=1.1,<2'],
         'fleet': ['distributed>=2024.1'],
-        'test': ['pytest>=7.4,<10', 'pytest-xdist>=3.3,<4', 'matplotlib>=3.6,<4', 'ezdxf>=1.1,<2',
+        'report': ['jinja2>=3.1,<4'],
+        'test': ['pytest>=7.4,<10', 'pytest-xdist>=3.3,<4', 'matplotlib>=3.6,<4', 'ezdxf>=1.1,<2', 'jinja2>=3.1,<4',
                  'distributed>=2024.1', 'pyroomacoustics>=0.7,<1', 'hypothesis>=6.90,<7'],
         'fuzz': ['atheris>=2.3,<4'],
         'mutation': ['pytest-cov>=4,<8', 'pytest-timeout>=2.2,<3'],

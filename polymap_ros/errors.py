@@ -1,5 +1,15 @@
 """The errors a user can cause. Each names what was found, where, and what is allowed."""
 
+import errno
+from pathlib import Path
+
+_REMEDIES = {
+    errno.ENOSPC: 'free some space there', errno.EDQUOT: 'free some space within the quota',
+    errno.EFBIG: 'raise the limit of the size of files (ulimit -f)',
+    errno.EROFS: 'mount it for writing',
+    errno.EMFILE: 'raise the number of open files (ulimit -n)',
+}
+
 
 class PolymapError(Exception):
     """Base of every error that the commands print as one line and turn into exit status 2."""
@@ -34,6 +44,27 @@ class RecordingError(PolymapError):
     """A recording cannot be read, or holds no usable topic."""
 
 
+class OutputError(PolymapError):
+    """Results cannot be written.
+
+    Parameters
+    ----------
+    path : Path
+        As the user gave it.
+    cause : str
+        Why not, and what to do.
+    """
+
+    def __init__(self, path: Path, cause: str) -> None:
+        super().__init__(f'{path}: cannot be written: {cause}{", or" if ";" in cause else ";"} choose another folder')
+        self.path = path
+        self.cause = cause
+
+    def __reduce__(self) -> tuple[type['OutputError'], tuple[Path, str]]:
+        """Pickle by what it was made of, so that it can come from another process."""
+        return type(self), (self.path, self.cause)
+
+
 class SceneError(PolymapError):
     """A scene to simulate is unknown, malformed or impossible."""
 
@@ -64,3 +95,29 @@ class BadPing(PolymapError):
     def __reduce__(self) -> tuple[type['BadPing'], tuple[str, str]]:
         """Pickle by what it was made of, so that it can come from another process."""
         return type(self), (self.reason, str(self))
+
+
+def in_words(error: Exception, ours: Path | None = None) -> str:
+    """Return what an exception says, in one line.
+
+    Parameters
+    ----------
+    error : Exception
+        A fault of this program is told with its place.
+    ours : Path, optional
+        A temporary folder, whose files' names mean nothing to a user.
+    """
+    if isinstance(error, OSError):
+        path = error.filename2 or error.filename  # of a move, where to
+        named = path is not None and not (ours and Path(str(path)).absolute().is_relative_to(ours.absolute()))
+        remedy = _REMEDIES.get(error.errno or 0)
+        return f'{f"{path}: " if named else ""}{error.strerror or error}{f"; {remedy}" if remedy else ""}'
+    if isinstance(error, MemoryError):
+        return 'not enough memory'
+    if isinstance(error, PolymapError):
+        return str(error)
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    place = f' ({Path(trace.tb_frame.f_code.co_filename).name}:{trace.tb_lineno})' if trace is not None else ''
+    return ' '.join(f'{type(error).__name__}: {error}{place}'.split())

@@ -1,15 +1,18 @@
 """Parameters from a ROS parameter file and from a command line's ``name:=value``, read as ROS reads them."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from polymap_ros.errors import ParameterError, UsageError
+from polymap_ros.names import for_many, for_node, full_name_in, misplaced, stray
 from polymap_ros.parameters import NODE_NAME, Parameters, specifications
-from polymap_ros.plain_yaml import read_small, read_yaml
+from polymap_ros.paths import expanded
+from polymap_ros.plain_yaml import read_parameter_yaml, read_small
 
 
 def parse_override(text: str) -> tuple[str, object]:
@@ -18,19 +21,22 @@ def parse_override(text: str) -> tuple[str, object]:
     if not separator or not name:
         raise ParameterError(text, 'expected name:=value')
     try:
-        return name, read_yaml(value) if value else ''
+        return name, read_parameter_yaml(value) if value else ''
     except yaml.YAMLError as error:
         raise ParameterError(name, f'{value!r} is not a YAML value') from error
 
 
 def load_parameters(
-    path: Path, overrides: Mapping[str, object] | None = None, node_name: str = NODE_NAME
+    path: str | Path, overrides: Mapping[str, object] | None = None, node_name: str = NODE_NAME,
+    warn: Callable[[str], None] = lambda text: None,
 ) -> Parameters:
     """Read a ROS parameter file, and then `overrides` as of a command line; the result is checked as a whole.
 
-    Keys ``/**``, ``node_name`` and ``/ns/node_name`` (or nested, ``ns: node_name:``) are taken, the most specific last.
-    Unknown names below ``/**`` belong to other nodes and are left alone, and so are names outside our groups
-    (``use_sim_time``).
+    Keys ``node_name``, ``/ns/node_name`` (or nested, ``ns: node_name:``) and those whose ``*`` (one name) or ``**``
+    (any number of them) stand for such are taken in the order of the file, as ROS does: what comes last counts. The
+    namespace is that of the keys, if they are of one. Unknown names below ``/**`` or ``/*`` belong to other nodes and
+    are left alone, and so are names outside our groups (``use_sim_time``); `warn` is told of those that look as if
+    they were meant for us.
 
     Raises
     ------
@@ -39,8 +45,9 @@ def load_parameters(
     ParameterError
         For a name or value that is not allowed.
     """
+    path = _path(path)
     try:
-        document = read_yaml(read_small(path))
+        document = read_parameter_yaml(read_small(path))
     except OSError as error:
         raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
     except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -49,36 +56,61 @@ def load_parameters(
         raise UsageError(f'parameter file {path}: is not a ROS parameter file: expected polymap_node: '
                          'ros__parameters: ...')
     nodes = dict(_nodes(document, node_name))
-    keys = [key for key in nodes if key == '/**' or key.rpartition('/')[2] == node_name]
+    full_name = full_name_in(list(nodes), node_name)
+    keys = [key for key in nodes if key.rpartition('/')[2] == node_name or for_node(key, full_name)]
+    for key in (key for key in nodes if for_many(key) and key not in keys):
+        warn(f'parameter file {path}: {key} is for nodes elsewhere than {full_name}, and left alone')
     if not keys:
         raise UsageError(f'parameter file {path}: has no {node_name} or /** key, only {", ".join(map(str, document))}')
-    others = [key for key in keys if key.strip('/') not in ('**', node_name, f'**/{node_name}')]
+    others = [key for key in keys if key.strip('/') != node_name and '*' not in key]
     if len(others) > 1:
         raise UsageError(f'parameter file {path}: is for several nodes, of which one is asked for: {", ".join(others)}')
-    known = {spec.name for spec in specifications()}
-    groups = {name.partition('.')[0] for name in known}
     values: dict[str, object] = {}
-    for key in sorted(keys, key=lambda key: (key != '/**', key.count('/'), key)):
-        body = nodes[key].get('ros__parameters') if isinstance(nodes[key], dict) else None
-        if not isinstance(body, dict):
-            raise UsageError(f'parameter file {path}: {key} has no ros__parameters')
-        entries: dict[str, object] = {}
-        for name, value in _flattened(body):
-            if name in entries:
-                raise UsageError(f'parameter file {path}: {key} has {name} twice')
-            entries[name] = value
-        if key == '/**':
-            entries = {name: value for name, value in entries.items() if name in known}
-        values |= {name: value for name, value in entries.items() if name.partition('.')[0] in groups}
+    for key in keys:
+        values |= _ours(f'parameter file {path}', key, nodes[key], warn)
     loaded = Parameters().replaced(values | dict(overrides or {}))
     return dataclasses.replace(loaded, folder=path.resolve().parent)
+
+
+def _ours(file: str, key: str, node: object, warn: Callable[[str], None]) -> dict[str, object]:
+    """What stands below one key of a parameter file and is for us; the rest is told where it may have been meant so."""
+    body = node.get('ros__parameters') if isinstance(node, dict) else None
+    if not isinstance(body, dict):
+        raise UsageError(f'{file}: {key} has no ros__parameters')
+    known = {spec.name for spec in specifications()}
+    groups = {name.partition('.')[0] for name in known}
+    entries: dict[str, object] = {}
+    for name, value in _flattened(body):
+        if name in entries:
+            raise UsageError(f'{file}: {key} has {name} twice')
+        if name in groups and (value is None or not for_many(key)):
+            raise UsageError(f'{file}: below {key}: {misplaced(name, value)}')
+        entries[name] = value
+    for name, value in entries.items():
+        if name in groups:
+            warn(f'{file}: below {key}: {misplaced(name, value)}')
+        elif (for_many(key) or name.partition('.')[0] not in groups) and (text := stray(name, sorted(known))):
+            warn(f'{file}: below {key}: {text}')
+    return {name: value for name, value in entries.items()
+            if name.partition('.')[0] in groups and (name in known or not for_many(key))}
+
+
+def _path(path: str | Path) -> Path:
+    try:
+        return Path(expanded(os.fspath(path)))
+    except TypeError as error:
+        raise UsageError(f'parameter file: found {path!r:.80}; allowed: the path of a YAML file') from error
+    except ValueError as error:
+        raise UsageError(f'parameter file {error}') from error
 
 
 def _nodes(tree: Mapping[Any, Any], node_name: str, prefix: str = '') -> Iterator[tuple[str, Any]]:
     """Full name and body of every node; any other key that holds keys is a namespace."""
     for key, body in tree.items():
         name = f'{prefix}/{key}' if prefix else str(key)
-        if isinstance(body, dict) and 'ros__parameters' not in body and str(key) not in (node_name, '/**'):
+        if isinstance(body, dict) and 'ros__parameters' not in body and (
+                key not in (node_name, '/**') or any(isinstance(each, dict) and 'ros__parameters' in each
+                                                     for each in body.values())):
             yield from _nodes(body, node_name, name)
         else:
             yield name, body

@@ -10,9 +10,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from polymap_ros.errors import ParameterError
+from polymap_ros.names import suggestion
+from polymap_ros.result_parameters import MapParameters, OutputParameters, TopicParameters
+from polymap_ros.slam_parameters import SlamParameters
 from polymap_ros.specification import Group, Specification, Value, parameter, specifications_of
 
 NODE_NAME = 'polymap_node'
@@ -26,7 +30,6 @@ _WITH_PERIOD = A_SCAN_TYPES[:2]
 
 SAMPLE_DTYPES = ('uint8', 'int8', 'uint16', 'int16', 'uint32', 'int32', 'uint64', 'int64', 'float32', 'float64')
 """Numbers that an array of bytes may stand for, as marine_acoustic_msgs/msg/SonarImageData counts them."""
-
 
 LEAST_CYCLES, MOST_CYCLES = 0.1, 1000.0
 """Of a pulse: its spectrum is a sum over as many times 64 samples at most."""
@@ -83,7 +86,7 @@ class PulseParameters(Group):
     bandwidth_hz: float = parameter(0.0, 'width of the linear sweep about the centre (chirp)', unit='Hz', minimum=0.0,
                                     maximum=2e9)
     duration_s: float = parameter(0.0, 'length of the sweep (chirp)', unit='s', minimum=0.0, maximum=1000.0)
-    path: str = parameter('', "recorded pulse, .npy or .wav at the echoes' sample rate (file)")
+    path: str = parameter('', "recorded pulse, .npy or .wav at the echoes' sample rate (file)", is_path=True)
 
     def check(self) -> None:
         if self.kind == 'chirp':
@@ -97,8 +100,6 @@ class PulseParameters(Group):
                 raise ParameterError('pulse.duration_s', f'{self.duration_s!r} makes {cycles:.3g} cycles of '
                                      f'pulse.frequency_hz ({self.frequency_hz!r}); allowed: {LEAST_CYCLES:g} to '
                                      f'{MOST_CYCLES:g}')
-        if self.kind == 'file' and not self.path:
-            raise ParameterError('pulse.path', "'' names no file; pulse.kind 'file' needs a .npy or .wav")
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,7 @@ class EchoParameters(Group):
     allow_unstamped: bool = parameter(False, 'take messages without a stamp (Float32MultiArray), stamped on arrival')
 
     def check(self) -> None:
+        object.__setattr__(self, 'type', re.sub(r'^(\w+)/(\w+)$', r'\1/msg/\2', self.type))  # as ROS 1 writes it
         if self.type in A_SCAN_TYPES:
             self._check_fields_are_not_given()
         else:
@@ -157,7 +159,8 @@ class FrontEndParameters(Group):
     common_pings: int = parameter(
         0, 'pings at different places that what all pings have in common (direct wave, body, ceiling) is found from '
         'and taken out; pings wait until so many are there; 0: off', minimum=0, maximum=256)
-    remove_dc: bool = parameter(False, 'take the mean out of every ping')
+    remove_dc: bool = parameter(
+        False, 'take the mean out of every ping; false: only an offset of rf, or a floor of magnitudes, which is told')
     band_low_hz: float = parameter(0.0, 'frequencies below this are taken out; 0: none', unit='Hz', minimum=0.0,
                                    maximum=1e9)
     band_high_hz: float = parameter(0.0, 'frequencies above this are taken out; 0: none', unit='Hz', minimum=0.0,
@@ -310,44 +313,6 @@ class SolverParameters(Group):
 
 
 @dataclass(frozen=True)
-class MapParameters(Group):
-    """The occupancy map."""
-
-    PREFIX = 'map.'
-    resolution_m: float = parameter(0.0, 'cell size of the occupancy map; 0: grid.range_step_m', unit='m', minimum=0.0,
-                                    maximum=1e3, live=True)
-    margin_m: float = parameter(0.1, 'free border around the polygon in the occupancy map', unit='m', minimum=0.0,
-                                maximum=1e3, live=True)
-
-    def check(self) -> None:
-        if 0.0 < self.resolution_m < 1e-6:
-            raise ParameterError('map.resolution_m', f'{self.resolution_m!r} is finer than any map; allowed: 0, or at '
-                                 'least 1e-6')
-
-
-@dataclass(frozen=True)
-class OutputParameters(Group):
-    """Where results go."""
-
-    PREFIX = 'output.'
-    dir: str = parameter('polymap', "folder of the node's saved maps")
-    autosave_s: float = parameter(0.0, 'time between automatic saves; 0: none', unit='s', minimum=0.0, maximum=1e6,
-                                  live=True)
-    load_path: str = parameter(
-        '', 'state.npz to continue from, or its folder; odometry that begins before it is taken for that of another '
-        'clock, or left out with odometry.on_jump_back: ignore')
-
-
-@dataclass(frozen=True)
-class TopicParameters(Group):
-    """Topics of a recording; read-only, live remap instead."""
-
-    PREFIX = 'topics.'
-    odom: str = parameter('odom', 'odometry topic in a recording (live: remap)')
-    echo: str = parameter('echo', 'echo topic in a recording (live: remap)')
-
-
-@dataclass(frozen=True)
 class Parameters:
     """All parameters of polymap_ros; immutable, validated on construction.
 
@@ -366,6 +331,7 @@ class Parameters:
     grid: GridParameters = field(default_factory=GridParameters)
     free_area: FreeAreaParameters = field(default_factory=FreeAreaParameters)
     solver: SolverParameters = field(default_factory=SolverParameters)
+    slam: SlamParameters = field(default_factory=SlamParameters)
     map: MapParameters = field(default_factory=MapParameters)
     output: OutputParameters = field(default_factory=OutputParameters)
     topics: TopicParameters = field(default_factory=TopicParameters)
@@ -384,9 +350,38 @@ class Parameters:
             raise ParameterError('free_area.cell_m', f'{area.cell_m!r} makes a grid of {cells:.3g} cells within '
                                  f'grid.range_max_m; allowed: up to {MOST_FREE_CELLS:.0e}')
 
+    @classmethod
+    def of(cls, given: Mapping[str, Any] = MappingProxyType({}), /, **groups: Any) -> 'Parameters':
+        """Return the defaults changed, as in ``of(medium={'model': 'constant'})`` or ``of({'solver.seed': 2})``.
+
+        Raises
+        ------
+        ParameterError
+            As `replaced` does, and for a group that is no mapping.
+        """
+        values: dict[str, object] = {}
+        for group, entries in {**given, **groups}.items():
+            if group not in _BY_NAME and not isinstance(entries, Mapping):
+                raise ParameterError(group, f"{entries!r} is no mapping such as medium={{'model': 'constant'}}")
+            values |= {group: entries} if group in _BY_NAME else {f'{group}.{key}': entries[key] for key in entries}
+        return cls().replaced(values)
+
+    def __repr__(self) -> str:
+        groups: dict[str, dict[str, Value]] = {}
+        for spec in specifications():
+            group, _, name = spec.name.partition('.')
+            if self[spec.name] != spec.default:
+                groups.setdefault(group, {})[name] = self[spec.name]
+        return f'Parameters.of({", ".join(f"{group}={entries!r}" for group, entries in groups.items())})'
+
     def flat(self) -> dict[str, Value]:
         """All values by full name, in declaration order."""
         return {spec.name: self[spec.name] for spec in specifications()}
+
+    @property
+    def localises(self) -> bool:
+        """Whether only poses are looked for, in an outline that is given."""
+        return self.slam.mode == 'localization' and self.solver.method == 'evidence'
 
     def __getitem__(self, name: str) -> Value:
         group, _, key = name.partition('.')
@@ -404,7 +399,7 @@ class Parameters:
         groups: dict[str, dict[str, object]] = {}
         for name, value in values.items():
             if name not in _BY_NAME:
-                raise ParameterError(name, f'unknown; {_suggestion(name)}')
+                raise ParameterError(name, f'unknown; {suggestion(name, list(_BY_NAME))}')
             group, _, key = name.partition('.')
             groups.setdefault(group, {})[key] = _BY_NAME[name].check(value)
         changed: dict[str, Any] = {
@@ -420,12 +415,3 @@ def specifications() -> list[Specification]:
 
 _GROUPS = {name: kind for name, kind in get_type_hints(Parameters).items() if issubclass(kind, Group)}
 _BY_NAME = {spec.name: spec for name, group in _GROUPS.items() for spec in specifications_of(group, f'{name}.')}
-
-
-def _suggestion(name: str) -> str:
-    import difflib
-
-    group = name.partition('.')[0]
-    known = [other for other in _BY_NAME if other.startswith(f'{group}.')] or list(_BY_NAME)
-    close = difflib.get_close_matches(name, known, n=1)
-    return f'did you mean {close[0]}?' if close else f'known: {", ".join(known)}'

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, TypeAlias
 
 from polymap_ros.errors import ParameterError
+from polymap_ros.paths import expanded
 
 Value: TypeAlias = bool | int | float | str
 
@@ -24,13 +25,17 @@ def parameter(
     above: float | None = None,
     choices: tuple[str, ...] = (),
     live: bool = False,
+    is_path: bool = False,
 ) -> Any:
-    """Describe one parameter; `above` is an open lower bound, `live` allows a change while the node runs."""
+    """Describe one parameter.
+
+    `above` is an open lower bound, `live` allows a change while the node runs, and of a path ``~`` is expanded.
+    """
     return field(
         default=default,
         metadata={
             'default': default, 'text': text, 'unit': unit, 'minimum': minimum, 'maximum': maximum, 'above': above,
-            'choices': choices, 'live': live,
+            'choices': choices, 'live': live, 'is_path': is_path,
         },
     )
 
@@ -49,9 +54,14 @@ class Specification:
     above: float | None
     choices: tuple[str, ...]
     live: bool
+    is_path: bool
 
     def check(self, value: object) -> Value:
         """Return `value` in the parameter's type, or raise `ParameterError` with what is allowed."""
+        if getattr(value, 'ndim', None) == 0 and (item := getattr(value, 'item', None)):
+            value = item()  # a scalar of numpy's, which need not be imported for this
+        if value is False and 'off' in self.choices:
+            value = 'off'  # YAML's word for false, which ROS reads so
         if self.type is float and isinstance(value, int) and not isinstance(value, bool):
             value = float(max(min(value, _HUGE), -_HUGE))
         if not isinstance(value, (bool, int, float, str)) or type(value) is not self.type:
@@ -64,7 +74,13 @@ class Specification:
             raise ParameterError(self.name, f'{value!r} holds characters that cannot be printed')
         if isinstance(value, (int, float)) and not isinstance(value, bool) and not self._within(value):
             raise ParameterError(self.name, f'{value!r} is out of range; allowed: {self.allowed()}')
-        return value
+        return self._expanded(value) if isinstance(value, str) and self.is_path else value
+
+    def _expanded(self, path: str) -> str:
+        try:
+            return expanded(path)
+        except ValueError as error:
+            raise ParameterError(self.name, str(error)) from error
 
     def _within(self, value: float) -> bool:
         return (

@@ -26,7 +26,7 @@ import numpy as np
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadOdometry, BadPing, ParameterError, RecordingError, StateError, UsageError
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.parameters import Parameters, specifications
 from polymap_ros.recordings.writing import RecordingWriter, make, typestore

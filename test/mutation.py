@@ -1,6 +1,6 @@
 """Would a wrong sign be noticed? python test/mutation.py [--number N] [--seed S] [--jobs N] [--files FILE...]
 
-First runs the tests of acoustics and mapping on a copy, with numba's compilation off (what is compiled cannot be
+First runs the tests of the method's rooms on a copy, with numba's compilation off (what is compiled cannot be
 traced) and on (what is not, takes hours), notes which of them execute which line, and prints the branch coverage. Then
 changes one token of the solver's sources at a time and runs the tests that execute it, the quickest first, with
 compilation off where the file has kernels; a mutant that none of them notices is told. The mutants are a sample of all
@@ -23,13 +23,16 @@ from pathlib import Path
 
 TOP = Path(__file__).parents[1]
 SOURCES = [
-    'acoustics/matched_filter.py',
-    *(f'mapping/{name}.py' for name in ('beamforming', 'lines', 'annealing', 'paper_solver', 'straightness')),
-    *(f'mapping/evidence/{name}.py' for name in (
-        'data', 'paths', 'power', 'proposals', 'power_search', 'waveform', 'wave_sums', 'positions', 'search', 'mirror',
-        'cut_off', 'first_walls', 'certainty', 'solver')),
+    'acoustics/matched_filter.py', 'maps/beamforming.py', 'geometry/outline.py', 'geometry/paths.py',
+    'solvers/straightness.py', 'solvers/paper/annealing.py', 'solvers/paper/solver.py',
+    *(f'solvers/evidence/{name}.py' for name in (
+        'data', 'walls', 'likelihood', 'power', 'waveform', 'wave_sums', 'climb', 'proposals', 'subset', 'ground',
+        'search', 'positions', 'mirror', 'cut_off', 'first_walls', 'certainty', 'solver')),
+    *(f'solvers/evidence/moves/{name}.py' for name in (
+        'start', 'exchange', 'slip', 'wall_drop', 'residual', 'corner_cut', 'scan')),
 ]
-TESTS = ('test/acoustics', 'test/mapping')
+ROOMS = 'geometry', 'acoustics', 'hearing', 'maps', 'solvers', 'mapping', 'calibration'
+TESTS = tuple(f'test/{room}' for room in ROOMS)
 SWAPPED = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -135,7 +138,7 @@ def _passed(reports):
 def covering(folder, limit_s, jobs):
     """Run all tests with compilation off and on, each file of them in a process of its own."""
     copy = copy_to(folder / 'covered')
-    options = '--cov=polymap_ros.acoustics', '--cov=polymap_ros.mapping', '--cov-branch', '--cov-context=test'
+    options = *(f'--cov=polymap_ros.{room}' for room in ROOMS), '--cov-branch', '--cov-context=test'
 
     def run(file, compiled):
         name = f'{int(compiled)}-{file.stem}'

@@ -12,20 +12,27 @@ import polymap_ros
 
 PACKAGE = Path(polymap_ros.__file__).parent
 FILES = sorted(PACKAGE.rglob('*.py'))
-SHARED = {'errors', 'parameters', 'specification', 'plain_yaml'}
+SHARED = {'errors', 'parameters', 'specification', 'plain_yaml', 'cautions', 'packing', 'paths',
+          'names', 'slam_parameters', 'result_parameters'}
 """Modules beside the rooms that every room may import; the others are listed with the rooms that use them."""
 
+_MAPPING = {'geometry', 'acoustics', 'hearing', 'maps', 'solvers', 'mapping'}
 KNOWS = {
+    'geometry': {'jit'},
     'acoustics': {'jit'},
-    'mapping': {'acoustics', 'jit'},
-    'simulation': {'acoustics', 'mapping', 'jit', 'pulse_file'},
-    'messages': {'acoustics', 'mapping'},
-    'results': {'acoustics', 'mapping', 'atomic', 'version'},
-    'recordings': {'acoustics', 'mapping', 'messages', 'results', 'atomic'},
-    'node': {'acoustics', 'mapping', 'messages', 'results', 'atomic', 'jit', 'pulse_file', 'version'},
-    'evaluation': {'acoustics', 'mapping', 'simulation', 'results', 'jit', 'atomic', 'version'},
+    'hearing': {'geometry', 'acoustics'},
+    'maps': {'geometry', 'hearing', 'jit'},
+    'solvers': {'geometry', 'hearing', 'maps', 'jit'},
+    'mapping': {'geometry', 'acoustics', 'hearing', 'maps', 'solvers'},
+    'calibration': {*_MAPPING, 'jit'},
+    'simulation': {'geometry', 'acoustics', 'jit', 'pulse_file'},
+    'messages': {'geometry', 'acoustics', 'solvers', 'mapping'},
+    'results': {*_MAPPING, 'atomic', 'version'},
+    'recordings': {*_MAPPING, 'messages', 'results', 'atomic'},
+    'node': {*_MAPPING, 'messages', 'results', 'atomic', 'jit', 'pulse_file', 'version'},
+    'evaluation': {*_MAPPING, 'calibration', 'simulation', 'results', 'jit', 'atomic', 'version'},
 }
-PURE = ('acoustics', 'mapping')
+PURE = ('geometry', 'acoustics', 'hearing', 'maps', 'solvers', 'mapping', 'calibration')
 PURE_PACKAGES = {'numpy', 'scipy', 'shapely', 'numba', 'polymap_ros'}
 WORLDLY = {'logging', 'os', 'io', 'pathlib', 'sys', 'shutil', 'subprocess', 'tempfile', 'socket', 'random', 'time'}
 WORLDLY_CALLS = {'open', 'print', 'input', 'exec', 'eval'}
@@ -86,7 +93,9 @@ def test_every_folder_is_a_room_with_rules():
 
 
 def test_a_room_knows_only_those_below_it():
-    allowed = {path: KNOWS.get(room(path), set()) | SHARED | {room(path)} for path in FILES}
+    everything = {*KNOWS, 'library', 'parameter_file', 'pulse_file'}  # the door of the package
+    knows = KNOWS | {'pulse_file': {'acoustics'}, 'library': {*_MAPPING, 'pulse_file'}, '__init__': everything}
+    allowed = {path: knows.get(room(path), set()) | SHARED | {room(path)} for path in FILES}
     beyond = {where(path): neighbours(path) - allowed[path] for path in FILES if room(path) != 'commands'}
     assert {name: found for name, found in beyond.items() if found} == {}
     assert [where(path) for path in FILES if '' in packages(path)] == []  # a relative import
@@ -102,8 +111,8 @@ def test_the_rules_have_no_cycle_and_keep_recordings_and_node_apart():
     assert 'recordings' not in known('node')
 
 
-def test_acoustics_and_mapping_are_pure():
-    files = [path for path in FILES if room(path) in PURE]
+def test_the_rooms_of_the_method_are_pure():
+    files = [path for path in FILES if room(path) in PURE or path.stem in ('cautions', 'packing')]
     foreign = {where(path): packages(path) - set(sys.stdlib_module_names) - PURE_PACKAGES for path in files}
     worldly = {where(path): packages(path) & WORLDLY for path in files}
     assert [name for name in foreign if foreign[name] or worldly[name]] == []
@@ -159,6 +168,34 @@ def test_files_and_functions_are_small():
                for path, node in nodes(ast.FunctionDef)}
     assert [f'{where(path, node)} {node.name}' for (path, node), length in lengths.items()
             if length >= (100 if any(is_name(each, 'kernel') for each in node.decorator_list) else 70)] == []
+
+
+def named(kind):
+    """Where each name is given to a class, or to a value, at the top of a module: file and what it is."""
+    found = {}
+    for path in FILES:
+        for node in tree(path).body:
+            if kind is ast.ClassDef and isinstance(node, ast.ClassDef):
+                found.setdefault(node.name, {})[where(path)] = node.name
+            elif kind is ast.Assign and isinstance(node, ast.Assign):
+                for target in node.targets:
+                    pairs = zip(target.elts, getattr(node.value, 'elts', [node.value] * len(target.elts)), strict=False
+                                ) if isinstance(target, ast.Tuple) else [(target, node.value)]
+                    for name, value in pairs:
+                        if isinstance(name, ast.Name):
+                            found.setdefault(name.id, {})[where(path)] = ast.unparse(value)
+    return found
+
+
+def test_no_two_classes_have_one_name():
+    assert {name: sorted(files) for name, files in named(ast.ClassDef).items() if len(files) > 1} == {}
+
+
+def test_in_the_rooms_of_the_method_a_constant_has_one_value():
+    """Elsewhere a name may be a module's own; what decides about walls is known by one name and one number."""
+    inside = {name: {file: value for file, value in places.items() if file.partition('/')[0] in PURE}
+              for name, places in named(ast.Assign).items() if name.isupper()}
+    assert {name: places for name, places in inside.items() if len(set(places.values())) > 1} == {}
 
 
 @pytest.mark.parametrize('module', [

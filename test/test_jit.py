@@ -65,6 +65,60 @@ def test_without_a_folder_for_the_cache_it_is_compiled_all_the_same(tmp_path):
     assert done.stderr.count('compiled anew in every process') == 1  # not once for each of the three
 
 
+def test_a_cache_on_a_full_disk_costs_the_cache_alone(tmp_path):
+    """No file may grow beyond 1 kB: the index fits, compiled code does not."""
+    pytest.importorskip('numba')
+    (tmp_path / 'caller.py').write_text(CALLER)
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='2.0'))
+    limit = 'import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1024, 1024))'
+    done = subprocess.run(
+        [sys.executable, '-c', f'{limit}; import caller; print(caller.outermost(1.0), caller.outermost(2.0))'],
+        cwd=tmp_path, env={**os.environ, 'NUMBA_CACHE_DIR': str(tmp_path / 'cache')}, capture_output=True, text=True,
+        check=True)
+    assert done.stdout == '3.0 5.0\n'
+    assert done.stderr.count('compiled code cannot be kept (NUMBA_CACHE_DIR): File too large') == 1
+
+
+def test_a_damaged_cache_costs_time_and_not_the_answer(tmp_path):
+    pytest.importorskip('numba')
+    (tmp_path / 'caller.py').write_text(CALLER)
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='2.0'))
+    assert answer(tmp_path) == '3.0'
+    for file in (tmp_path / '__pycache__').glob('*.nb?'):
+        file.write_bytes(b'')  # the power went
+    told = answer_and_warnings(tmp_path)
+    assert (told.stdout, told.stderr.count('cannot be read (EOFError)')) == ('3.0\n', 1)
+    hits = 'caller.outermost(1.0); print(sum(caller.outermost.stats.cache_hits.values()))'
+    assert answer(tmp_path, hits) == '1'
+
+
+def answer_and_warnings(folder):
+    code = 'import caller; print(caller.outermost(1.0))'
+    return subprocess.run([sys.executable, '-c', code], cwd=folder, capture_output=True, text=True, check=True)
+
+
+REFUSED = '''
+import caller
+from polymap_ros import jit
+try:
+    with jit.only_loading():
+        caller.outermost(1.0)
+except jit.NotCompiled:
+    print('not compiled', jit.are_kept())
+print(caller.outermost(1.0))
+'''
+
+
+def test_what_is_only_to_be_loaded_is_not_compiled(tmp_path):
+    pytest.importorskip('numba')
+    (tmp_path / 'caller.py').write_text(CALLER)
+    (tmp_path / 'callee.py').write_text(CALLEE.format(factor='2.0'))
+    first, second = (subprocess.run([sys.executable, '-c', REFUSED], cwd=tmp_path, capture_output=True, text=True,
+                                    check=True).stdout for _ in range(2))
+    assert first == 'not compiled True\n3.0\n'
+    assert second == '3.0\n'
+
+
 TINY = '''
 import json, sys, warnings
 if sys.argv[1] == 'without':
@@ -75,7 +129,7 @@ with warnings.catch_warnings(record=True) as caught:
     from polymap_ros import jit
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation import scene_file, waveforms
 
@@ -130,7 +184,7 @@ def test_compiling_is_told_once_and_loading_is_not(tmp_path):
 AFTER_WARM_UP = '''
 from polymap_ros.jit import when_compiling
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation import scene_file, waveforms

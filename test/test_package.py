@@ -4,7 +4,9 @@ import ast
 import importlib
 import importlib.metadata
 import re
+import subprocess
 import sys
+import types
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -12,6 +14,7 @@ import pytest
 import yaml
 
 import polymap_ros
+from polymap_ros.simulation import scene_file
 
 TOP = Path(__file__).parents[1]
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
@@ -78,8 +81,27 @@ def test_every_command_is_installed_and_has_its_own_module(command):
     assert {entry.name for entry in DISTRIBUTION.entry_points} == set(COMMANDS)
 
 
+def test_a_folder_of_this_name_does_not_hide_the_package(tmp_path):
+    """Such as the clone, in whose parent a newcomer starts Python, or one of results; scenes are found all the same."""
+    (tmp_path / 'polymap_ros').symlink_to(TOP)
+    code = ("import polymap_ros; print(polymap_ros.__version__); from polymap_ros.simulation import scene_file; "
+            "print(len(scene_file.load_scene('triangle').vertices))")
+    run = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert run.stdout.split() == [polymap_ros.__version__, '3'], run.stderr
+
+
+def test_scenes_are_found_without_the_package_s_own_file(monkeypatch):
+    """Where it is a namespace package, as for an editable install that comes after a folder of this name."""
+    namespace = types.ModuleType('polymap_ros')
+    namespace.__path__ = polymap_ros.__path__
+    monkeypatch.setitem(sys.modules, 'polymap_ros', namespace)
+    assert scene_file.built_in_scenes() == ['pentagon', 'quadrilateral', 'rectangle', 'triangle']
+
+
 def test_types_and_configuration_are_installed():
     package = importlib.resources.files('polymap_ros')
     assert (package / 'py.typed').is_file()
     for name in ('polymap.yaml', 'polymap.rviz', 'polymap.foxglove.json'):
         assert (package / 'config' / name).is_file()
+    for name in ('base.html', 'report.html', 'index.html', 'tables.html', 'style.css'):
+        assert (package / 'results' / 'report' / 'templates' / name).is_file()

@@ -63,7 +63,8 @@ def test_every_parameter_has_a_text_and_a_valid_default():
         assert spec.text
         assert spec.check(spec.default) == spec.default
         assert type(spec.default) is spec.type
-        assert spec.name.endswith('_' + spec.unit.lower().replace('/', '_')) or spec.unit in ('', 'cycles'), spec.name
+        assert spec.name.endswith('_' + spec.unit.lower().replace('/', '_')) or (
+            spec.unit in ('', 'cycles', 'm per root m', 'deg per root m')), spec.name
 
 
 @pytest.mark.parametrize('spec', specifications(), ids=lambda spec: spec.name)
@@ -115,7 +116,6 @@ def test_every_method_is_known(method):
     (lambda: PulseParameters(kind='chirp', duration_s=1e-3), 'pulse.bandwidth_hz'),
     (lambda: PulseParameters(kind='chirp', bandwidth_hz=1e3), 'pulse.duration_s'),
     (lambda: PulseParameters(kind='chirp', bandwidth_hz=3e5, duration_s=1e-3), 'pulse.bandwidth_hz'),
-    (lambda: PulseParameters(kind='file'), 'pulse.path'),
     (lambda: EchoParameters(type='sensor_msgs/msg/Image'), 'echo.sample_period_s'),
     (lambda: EchoParameters(type='std_msgs/msg/Float32MultiArray', sample_period_s=1e-6), 'echo.allow_unstamped'),
     (lambda: SensorParameters(from_tf=True, x_m=0.1), 'sensor.x_m'),
@@ -202,19 +202,34 @@ polymap_node:
     assert parameters.folder.is_absolute()
 
 
-def test_the_most_specific_key_wins_whatever_the_order(write):
+def test_the_last_key_counts(write):
     path = write('''
-/robot1/polymap_node:
-  ros__parameters: {solver: {seed: 3}}
-polymap_node:
-  ros__parameters: {solver: {seed: 2, max_edges: 8}}
 /**:
   ros__parameters: {solver: {seed: 1, max_edges: 7, iterations: 50}}
+polymap_node:
+  ros__parameters: {solver: {seed: 2, max_edges: 8}}
+/robot1/*:
+  ros__parameters: {solver: {seed: 3, whatever: 1}}
+/robot2/*:
+  ros__parameters: {solver: {seed: 4}}
+/robot1/polymap_node:
+  ros__parameters: {medium: {thickness_m: 0.004}}
 /robot1/other_node:
   ros__parameters: {solver: {seed: 99}, whatever: 1}
 ''')
-    solver = load_parameters(path).solver
-    assert (solver.seed, solver.max_edges, solver.iterations) == (3, 8, 50)
+    told = []
+    parameters = load_parameters(path, warn=told.append)
+    solver = parameters.solver
+    assert (solver.seed, solver.max_edges, solver.iterations, parameters.medium.thickness_m) == (3, 8, 50, 0.004)
+    assert len(told) == 2
+    assert '/robot2/* is for nodes elsewhere than /robot1/polymap_node, and left alone' in told[0]
+    assert 'below /robot1/*: solver.whatever is no parameter' in told[1]
+
+
+def test_a_value_in_the_place_of_a_group_below_all_nodes(write):
+    told = []
+    load_parameters(write('/**: {ros__parameters: {solver: paper}}'), warn=told.append)
+    assert "solver is a group, and 'paper' stands in the place of its parameters; indent them, or write" in told[0]
 
 
 def test_names_of_other_nodes_and_of_ros_are_left_alone(write):
@@ -234,7 +249,8 @@ polymap_node:
     ('polymap_node: {ros__parameters: {grid: {range_step_m: wide}}}', 'grid.range_step_m'),
     ('/a/polymap_node: {ros__parameters: {solver: {method: magic}}}', 'paper | rectangle'),
     ('/**: {ros__parameters: {medium: {thickness_m: -1.0}}}', 'medium.thickness_m'),
-    ('polymap_node: {ros__parameters: {grid: 3}}', 'grid: unknown'),
+    ('polymap_node: {ros__parameters: {grid: 3}}', 'grid is a group, and 3 stands in the place of its parameters; '),
+    ('/**:\n  ros__parameters:\n    solver:\n    method: paper', 'solver is a group, and nothing stands below it'),
     ('polymap_node: {grid: {range_step_m: 1.0}}', 'polymap_node has no ros__parameters'),
     ('polymap_node: 3', 'polymap_node has no ros__parameters'),
     ('other_node: {ros__parameters: {}}', 'only other_node'),
@@ -289,3 +305,10 @@ def test_exponents_are_numbers_as_ros_reads_them(write, text):
     file = write(f'polymap_node: {{ros__parameters: {{echo: {{sample_period_s: {text}}}}}}}')
     assert load_parameters(file).echo.sample_period_s == 1e-6
     assert parse_override(f'echo.sample_period_s:={text}') == ('echo.sample_period_s', 1e-6)
+
+
+def test_what_yaml_makes_of_off_is_off():
+    """ROS reads ``-p slam.mode:=off`` as false; elsewhere false stays what it is."""
+    assert Parameters.of({'slam.mode': False}).slam.mode == 'off'
+    with pytest.raises(ParameterError, match='allowed: evidence'):
+        Parameters.of({'solver.method': False})

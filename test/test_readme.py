@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from polymap_ros.mapping.comparison import compare
+from polymap_ros.cautions import CAUTIONS
+from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.parameters import specifications
 from polymap_ros.simulation.scene_file import load_scene
 
@@ -47,6 +48,12 @@ def test_the_library_block_maps_a_plate():
 def test_the_parameter_table_is_the_source():
     [table] = re.findall(r'<!-- parameters -->\n(.*?)\n<!-- end of parameters -->', README, re.DOTALL)
     assert table == parameter_table()
+
+
+def test_the_table_of_warnings_is_the_registry():
+    [table] = re.findall(r'<!-- cautions -->\n(.*?)\n<!-- end of cautions -->', README, re.DOTALL)
+    rows = [f'| `{code}` | {kind.meaning} | {kind.remedy} |' for code, kind in CAUTIONS.items()]
+    assert table.splitlines() == ['| code | what it means | what to do |', '| --- | --- | --- |', *rows]
 
 
 @pytest.mark.parametrize('link', re.findall(r'\]\(([^)#]+)\)', README))

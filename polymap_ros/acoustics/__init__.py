@@ -1,1 +1,1 @@
-"""Acoustics: medium, pulse, eq. (3), ranges, image sources. Pure: no ROS, no files."""
+"""Acoustics: medium, pulse, eq. (3), noise, ranges. Pure: no ROS, no files."""

@@ -12,6 +12,15 @@ _CLIPPED_RUN = 2
 _DROPOUT_RUN = 16
 """So many equal samples, whatever their value, are a dropout: a converter's last digit flickers."""
 
+_OFFSET = 0.5
+"""In deviations of the samples. Pings of plates stay below 0.05; walls are found up to 3, and none from 10 on."""
+
+_DRIFT = 0.5
+"""Variance of a ping's eighths' means over the rest. Pings of plates stay below 0.01; walls are lost from 10 on."""
+
+_SURE_FLOOR = 1.0
+"""In deviations of the magnitudes; a lower one hides no peak."""
+
 _TRANSITION = 0.1
 """Width of a band's edge as a share of its frequency."""
 
@@ -34,6 +43,45 @@ def _in_runs(samples: NDArray[np.floating], length: int) -> NDArray[np.bool_]:
     starts = np.flatnonzero(np.concatenate(([True], samples[1:] != samples[:-1])))
     lengths = np.diff(np.append(starts, len(samples)))
     return np.repeat(lengths >= length, lengths)
+
+
+def has_offset(samples: NDArray[np.floating]) -> bool:
+    """Whether the mean of the samples (n,) is more than a signal about zero has."""
+    return bool(abs(samples.mean(dtype=float)) > _OFFSET * samples.std(dtype=float))
+
+
+def drifts(samples: NDArray[np.floating]) -> bool:
+    """Whether the baseline of a ping (n,) moves within it: a ramp, a recovery after the pulse, hum."""
+    if (length := len(samples) // 8) < 8:
+        return False
+    eighths = np.asarray(samples[:8 * length], dtype=float).reshape(8, length)
+    slow = float(eighths.mean(axis=1).var())
+    return slow > _DRIFT * max(float(eighths.var()) - slow, 0.0)
+
+
+def floor_of(magnitudes: NDArray[np.floating]) -> float:
+    """Return what lies below all magnitudes (n,), those of noise included; 0 where their noise begins at 0 itself.
+
+    Magnitudes of 0 are a device's own blanking. Noise (Rayleigh) has its lowest fiftieth at 0.201 and its median at
+    1.177 deviations, which tells where it begins.
+    """
+    heard = magnitudes[magnitudes > 0.0]
+    if len(heard) < 2:
+        return 0.0
+    low, middle = len(heard) // 50, len(heard) // 2
+    parted = np.partition(heard, (low, middle))
+    floor = float(parted[low]) - 0.201 / (1.177 - 0.201) * float(parted[middle] - parted[low])
+    return floor if floor > _SURE_FLOOR * float(heard.std(dtype=float)) else 0.0
+
+
+def without_slope(samples: NDArray[np.floating], over: int) -> NDArray[np.floating]:
+    """Samples (n,) less the line through the means of `over` samples at both ends, so that none of them is a step."""
+    n = len(samples)
+    over = min(max(over, 1), n)
+    first, last = (float(part.mean(dtype=float)) for part in (samples[:over], samples[-over:]))
+    share = np.arange(n) - 0.5 * (over - 1)
+    less: NDArray[np.floating] = samples - (first + (last - first) * share / max(n - over, 1)).astype(samples.dtype)
+    return less
 
 
 def without_dc(samples: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -106,11 +154,21 @@ class FrontEnd:
         self._gain = time_gain(*self._axis, parameters.gain_db_s) if parameters.gain_db_s else None
         low_hz, high_hz = parameters.band_low_hz, parameters.band_high_hz
         self._band = band_pass(n_samples, period_s, low_hz, high_hz) if low_hz or high_hz else None
+        self._slow = round(min(1.0 / (low_hz * period_s), n_samples / 8)) if low_hz and not magnitudes else 0
 
     def levelled(self, samples: NDArray[np.floating]) -> NDArray[np.floating]:
-        """Samples without DC and with the time's gain: their noise is still white."""
-        if self._parameters.remove_dc:
+        """Samples without DC and with the time's gain: their noise is still white.
+
+        An offset is taken out in any case, since the step at both ends of the ping would drown what is between them,
+        and so is a floor of magnitudes, beside which no peak stands out. Where the band has a lower end, so is the
+        slope of a baseline that drifts, whose steps would be in the band.
+        """
+        if self._parameters.remove_dc or (not self._magnitudes and has_offset(samples)):
             samples = without_dc(samples)
+        elif self._magnitudes and (floor := floor_of(samples)):
+            samples = np.maximum(samples - samples.dtype.type(floor), 0.0)
+        if self._slow and drifts(samples):
+            samples = without_slope(samples, self._slow)
         if self._gain is not None:
             samples = samples * self._gain
         return samples

@@ -7,7 +7,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.medium import Medium, group_speed
-from polymap_ros.acoustics.pulse import Pulse
+from polymap_ros.acoustics.pulse import Pulse, RecordedPulse
 from polymap_ros.jit import kernel
 
 BAND_FLOOR = 1e-3
@@ -226,7 +226,10 @@ def _interpolate(
 
 def sampling_step(medium: Medium, pulse: Pulse, frequency_hz: float) -> float:
     """Step of a range axis [m] on which four points interpolate eq. (3) to 1e-3: four per cycle of its full band."""
-    wavenumbers = medium.wavenumber(_band(medium, pulse, 0.125 / frequency_hz))
+    period_s = 0.125 / frequency_hz
+    if isinstance(pulse, RecordedPulse):  # whose band may end beyond that
+        period_s = min(period_s, pulse.period_s)
+    wavenumbers = medium.wavenumber(_band(medium, pulse, period_s))
     return float(np.pi / (4.0 * (wavenumbers[-1] - wavenumbers[0])))
 
 

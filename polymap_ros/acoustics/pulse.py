@@ -10,6 +10,12 @@ from scipy.signal import hilbert
 from polymap_ros.errors import ParameterError
 from polymap_ros.parameters import PulseParameters
 
+_SAME_PERIOD = 1e-4
+"""A message holds a period to 1e-7 and .wav a rate in whole Hz; a pulse of 100 cycles is then off by 0.01 of one."""
+
+_OFFSET = 0.5
+"""In deviations of a recorded pulse. A pulse of one sign may have such a mean, too, but begins and ends at 0."""
+
 
 class Pulse(Protocol):
     """An excitation s(t), zero before t = 0 and after its duration."""
@@ -109,18 +115,26 @@ class Chirp:
 
 @dataclass(frozen=True, eq=False)
 class RecordedPulse:
-    """A pulse recorded at the echoes' sample rate; band-limited to half of it.
+    """A recorded pulse, band-limited to half of its sample rate, which is the echoes'.
 
     Parameters
     ----------
-    recorded : ndarray, shape (n,)
+    recorded : array_like, shape (n,)
         Samples, the first at t = 0.
     period_s : float
-        Sample period [s].
+        Sample period [s]; 0 where that is not known, and so the echoes'.
     """
 
     recorded: NDArray[np.float64]
-    period_s: float
+    period_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Take whole numbers and lists for samples, too."""
+        object.__setattr__(self, 'recorded', np.asarray(self.recorded, dtype=float))
+
+    def __repr__(self) -> str:
+        period = f'{self.period_s:g} s' if self.period_s else "the echoes' period"
+        return f'RecordedPulse({"x".join(map(str, self.recorded.shape))} samples of {period})'
 
     @property
     def duration_s(self) -> float:
@@ -164,23 +178,46 @@ def _transform(wave: NDArray[np.float64], period: float, omega: NDArray[np.float
     return value.reshape(omega.shape)
 
 
+def same_period(one_s: float, other_s: float) -> bool:
+    """Whether two sample periods differ by less than could matter to a pulse of a hundred cycles."""
+    return abs(one_s - other_s) <= _SAME_PERIOD * max(one_s, other_s)
+
+
+def problem_of(recorded: NDArray[np.float64]) -> str:
+    """Say why samples cannot be those of a pulse, and what is allowed; empty where they can."""
+    allowed = 'allowed: at least two finite samples in one dimension, not all alike'
+    if recorded.ndim != 1 or recorded.size < 2:
+        return f'holds an array of shape {recorded.shape}; {allowed}'
+    if bad := int(np.sum(~np.isfinite(recorded))):
+        return f'{bad} of its {recorded.size} samples are not finite; {allowed}'
+    if recorded.min() == recorded.max():
+        return f'all of its {recorded.size} samples are {recorded[0]:g}; {allowed}'
+    mean, deviation = float(recorded.mean()), float(recorded.std())
+    ends = np.sign(mean) * recorded[[0, -1]]
+    if abs(mean) > _OFFSET * deviation and ends.min() > 0.5 * abs(mean):
+        return (f'its samples lie about {mean:.4g} with a deviation of {deviation:.3g}, and a pulse begins and ends at '
+                '0; subtract that offset from the samples')
+    return ''
+
+
 def make_pulse(
-    parameters: PulseParameters, recorded: NDArray[np.float64] | None = None, period_s: float = 0.0
+    parameters: PulseParameters, recorded: RecordedPulse | ArrayLike | None = None, period_s: float = 0.0
 ) -> Pulse:
-    """The pulse that the parameters describe; `recorded` are the samples of ``pulse.kind: file``.
+    """Return the pulse that the parameters describe; `recorded` is that of ``pulse.kind: file``, sampled at `period_s`.
 
     Raises
     ------
     ParameterError
-        If a recorded pulse is asked for and is missing, not finite or silent.
+        If a recorded pulse is asked for and is missing, or is none: not finite, silent, or about another value than 0.
     """
     hann = parameters.window == 'hann'
     if parameters.kind == 'tone_burst':
         return ToneBurst(parameters.frequency_hz, parameters.cycles, hann)
     if parameters.kind == 'chirp':
         return Chirp(parameters.frequency_hz, parameters.bandwidth_hz, parameters.duration_s, hann)
-    if recorded is None or recorded.ndim != 1 or len(recorded) < 2:
-        raise ParameterError('pulse.path', 'holds no row of at least two samples')
-    if not np.all(np.isfinite(recorded)) or not np.any(recorded):
-        raise ParameterError('pulse.path', 'its samples are not finite or all zero')
-    return RecordedPulse(np.asarray(recorded, dtype=float), period_s)
+    if recorded is None:
+        raise ParameterError('pulse.path', "no recorded pulse is given, and pulse.kind is 'file'")
+    samples = recorded.recorded if isinstance(recorded, RecordedPulse) else np.asarray(recorded, dtype=float)
+    if problem := problem_of(samples):
+        raise ParameterError('pulse.path', problem)
+    return RecordedPulse(samples, period_s)

@@ -5,9 +5,11 @@ import functools
 import io
 import os
 import resource
+import shutil
 import signal
 import sys
-from collections.abc import Callable, Generator, Iterator
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -16,12 +18,15 @@ from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 from polymap_ros import __version__
-from polymap_ros.errors import PolymapError, UsageError
+from polymap_ros.errors import PolymapError, in_words
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import Parameters
+from polymap_ros.paths import expanded
 
 T = TypeVar('T')
 DONE, NO_POLYGON, WRONG, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+FORESEEN = (PolymapError, OSError, MemoryError)
+"""Errors that a user can cause."""
 AGAIN_S = 5.0
 """Longer than a job takes to clean up after itself."""
 
@@ -35,14 +40,22 @@ class Said:
 
 
 _SAID: ContextVar[Said | None] = ContextVar('_SAID', default=None)
+_LOST: list[str] = []
+"""Why this process's stdout is not complete."""
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line; with it the streams are ready to be told."""
+    """An argument parser whose errors are one line, and whose help ends with command lines to try.
 
-    def __init__(self, program: str, description: str, epilog: str = '') -> None:
+    With it the streams are ready to be told.
+    """
+
+    def __init__(self, program: str, description: str, epilog: str = '', examples: Sequence[str] = ()) -> None:
         ready_streams()
-        super().__init__(prog=program, description=description, epilog=epilog)
+        width = max(shutil.get_terminal_size().columns - 2, 40)
+        parts = [textwrap.fill(epilog, width), '\n  '.join(('examples:', *examples))]
+        super().__init__(prog=program, description=textwrap.fill(description, width), epilog='\n\n'.join(parts).strip(),
+                         formatter_class=argparse.RawDescriptionHelpFormatter)
         self.add_argument('--version', action='version', version=f'{program} {__version__}')
 
     def error(self, message: str) -> NoReturn:
@@ -94,19 +107,28 @@ def count(text: str) -> int:
     return int(text)
 
 
+def path_argument(text: str) -> Path:
+    """The type of an argument that is a path: no shell expands the ``~`` in ``--output=~/maps``."""
+    try:
+        return Path(expanded(text))
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from error
+
+
 def add_parameter_arguments(parser: argparse.ArgumentParser) -> None:
     """Add ``--params-file`` and ``-p``, as ROS nodes have them."""
-    parser.add_argument('--params-file', type=Path, metavar='FILE',
+    parser.add_argument('--params-file', type=path_argument, metavar='FILE',
                         help='ROS parameter file of polymap_node; without it every parameter has its default')
     parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE', dest='overrides',
                         help='set one parameter, after the file; may be repeated')
 
 
-def read_parameters(arguments: argparse.Namespace) -> Parameters:
-    """The parameters that the arguments of `add_parameter_arguments` ask for."""
+def read_parameters(program: str, arguments: argparse.Namespace) -> Parameters:
+    """Return the parameters that the arguments of `add_parameter_arguments` ask for."""
     overrides = dict(parse_override(text) for text in arguments.overrides)
     if arguments.params_file:
-        return load_parameters(arguments.params_file, overrides)
+        return load_parameters(arguments.params_file, overrides,
+                               warn=lambda text: complain(program, f'warning: {text}'))
     return Parameters().replaced(overrides)
 
 
@@ -143,7 +165,12 @@ def repeat(said: Said) -> None:
 
 def _visible(text: str) -> str:
     """Lines without what moves a terminal's cursor or changes its colours: names in a recording may hold it."""
-    return ''.join(each if each.isprintable() or each == '\n' else f'\\x{ord(each):02x}' for each in text)
+    return '\n'.join(map(in_one_line, text.split('\n')))
+
+
+def in_one_line(name: object) -> str:
+    """Return a name or a path with all that is not printed, line breaks too, spelled out as in Python: ``\\n``."""
+    return ''.join(each if each.isprintable() else each.encode('unicode_escape').decode() for each in str(name))
 
 
 def complain(program: str, text: str) -> None:
@@ -171,7 +198,10 @@ def tell_compiling(program: str) -> None:
 
 
 def tell(text: str) -> None:
-    """Print a result on stdout; who has closed it has seen enough, and the work goes on."""
+    """Print a result on stdout; who has closed it has seen enough, and the work goes on.
+
+    What a full disk loses of it is told by `execute` at the end.
+    """
     if said := _SAID.get():
         said.out.append(text)
         return
@@ -180,20 +210,15 @@ def tell(text: str) -> None:
     except OSError as error:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if not isinstance(error, BrokenPipeError):
-            raise UsageError(f'standard output: {error.strerror}; what was to be written is written') from error
+            _LOST.append(f'standard output: {error.strerror}; what was to be written is written')
 
 
 def attempt(program: str, job: Callable[[], int]) -> int:
-    """Run a job; an error that a user can cause becomes one line on stderr and status 2."""
+    """Run a job; an error becomes one line on stderr and status 2: one that a user can cause, or a fault of ours."""
     try:
         return job()
-    except PolymapError as error:
-        complain(program, f'error: {error}')
-    except OSError as error:
-        path = error.filename2 or error.filename  # of a move, where to
-        complain(program, f'error: {path or "file system"}: {error.strerror or error}')
-    except MemoryError:
-        complain(program, 'error: not enough memory')
+    except Exception as error:  # a fault of ours is told with its place
+        complain(program, f'error: {in_words(error)}')
     return WRONG
 
 
@@ -202,8 +227,12 @@ def execute(program: str, job: Callable[[], int]) -> int:
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
     before = signal.signal(signal.SIGTERM, _terminate)
+    _LOST.clear()
     try:
-        return attempt(program, job)
+        status = attempt(program, job)
+        for text in _LOST:
+            complain(program, f'error: {text}')
+        return max(status, WRONG) if _LOST else status
     except KeyboardInterrupt as stop:
         complain(program, str(stop) or 'interrupted')
         return TERMINATED if isinstance(stop, _Terminated) else INTERRUPTED
@@ -243,19 +272,13 @@ def progress(label: str, total: int | None, unit: str = 'it') -> Iterator[Callab
 
     interval_s = 0.1 if sys.stderr.isatty() else 10.0
     # With a delay nothing is printed before the bar is complete: Ctrl-C in between would leave a traceback.
-    with tqdm(desc=label, total=total, unit=unit, file=sys.stderr, mininterval=interval_s, dynamic_ncols=True,
-              delay=1e-9) as bar:
+    with tqdm(desc=in_one_line(label), total=total, unit=unit, file=sys.stderr, mininterval=interval_s,
+              dynamic_ncols=True, delay=1e-9) as bar:
         bar.refresh()
         yield bar.update
 
 
-def worked(work: Generator[None, None, T], label: str) -> T:
-    """Do a piece of work that yields at every step, with a progress bar."""
+def worked(work: Callable[[Callable[[], object]], T], label: str) -> T:
+    """Do a piece of work that is given a checkpoint to call between its steps, with a progress bar."""
     with progress(label, None, 'step') as advance:
-        while True:
-            try:
-                next(work)
-            except StopIteration as done:
-                result: T = done.value
-                return result
-            advance(1)
+        return work(lambda: advance(1))

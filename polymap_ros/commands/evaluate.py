@@ -1,117 +1,46 @@
 """`polymap_evaluate`: experiments on simulated scenes; tables, figures, and a row per scene and run."""
 
 import argparse
-import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from polymap_ros.commands import console, live, speed
+from polymap_ros.commands.experiments import EXPERIMENTS, PROGRAM, parser, refuse_what_does_not_act
 
 if TYPE_CHECKING:
     from polymap_ros.evaluation.rows import Result
     from polymap_ros.parameters import Parameters
 
 T = TypeVar('T')
-PROGRAM = 'polymap_evaluate'
-MOST_SEEDS = 1_000_000
 RESULTS, TABLE = 'results.csv', 'table.md'
 NAMES = RESULTS, TABLE, 'fig3.png', 'fig4b.png', 'success.png', 'online.png'
-_DESCRIPTION = '''Run experiments on simulated scenes. "paper": section III of the paper, three plates and a
-rectangular one, cost, edges and IoU over the iterations. "random": random convex polygons, several methods on the
-same scenes. "online": the same scenes with an estimate after every ping. "doubt": scenes that no convex polygon
-explains, and how many of them are flagged. "calibration": wrong media and drifting odometry, what is noticed and what
-calibration makes of it. "live": the real node over DDS for minutes, what it loses, costs and how
-late it is. "cpu": CPU of an idle node, an odometry message and a ping. "speed": equations, a solve, a replay and
---help, as ratios to what everybody knows. Ranges are always estimated from the
-signals.'''
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point; returns the exit status."""
     console.one_core()
-    arguments = _parser().parse_args(argv)
+    command_line = sys.argv[1:] if argv is None else list(argv)
+    named = next((word for word in command_line if word in EXPERIMENTS), None)
+    arguments = parser(named).parse_args(command_line)
     return console.execute(PROGRAM, lambda: _run_experiment(arguments))
 
 
 def _run_experiment(arguments: argparse.Namespace) -> int:
-    if arguments.experiment not in ('live', 'cpu'):
-        _refuse(arguments, *(name for name in live.ARGUMENTS if (arguments.experiment, name) != ('speed', 'minutes')))
-    if arguments.experiment != 'speed':
-        _refuse(arguments, 'growth')
+    refuse_what_does_not_act(arguments)
+    arguments.snr_db, arguments.jobs = arguments.snr_db or [0.0], arguments.jobs or 1
     _spare(arguments.output)
-    return _EXPERIMENTS[arguments.experiment](arguments)
-
-
-def _parser() -> console.Parser:
-    parser = console.Parser(PROGRAM, _DESCRIPTION)
-    parser.add_argument('experiment', choices=tuple(_EXPERIMENTS))
-    parser.add_argument('--output', type=Path, required=True, metavar='DIR', help='folder for results and figures')
-    parser.add_argument('--snr-db', type=_snrs, default=[0.0], metavar='X,...',
-                        help='per ping; none: no noise; random: one or several (default: 0)')
-    parser.add_argument('--jobs', type=console.count, default=1, metavar='N', help='processes (default: 1)')
-    parser.add_argument('--method', type=_names, metavar='M,...',
-                        help='methods (default: solver.method); paper: methods to run once beside')
-    parser.add_argument('--repetitions', type=console.count, metavar='N',
-                        help='paper: per scene (default: 10); speed: pairs of measurements (default: 20)')
-    parser.add_argument('--edges', type=_edges, metavar='A-B', help='all but paper: numbers of edges (default: 3-8)')
-    parser.add_argument('--seeds', type=_seeds, metavar='A:B:STEP',
-                        help='all but paper: first seed, end (exclusive) and step of the scenes (default: 0:10:1)')
-    parser.add_argument('--variant', metavar='V',
-                        help='random, online: what the scenes are like (default: plate); doubt, calibration: one '
-                             'kind (default: all); an unknown name lists all')
-    parser.add_argument('--drive', type=Path, metavar='RECORDING',
-                        help='random: drive stretches of the odometry in this recording (topic: topics.odom; of a '
-                             'ROS 1 bag rosbags-convert makes one), turned and scaled to fill the rooms')
-    live.add_arguments(parser)
-    speed.add_arguments(parser)
-    console.add_parameter_arguments(parser)
-    return parser
-
-
-@console.argument('finite numbers or none, separated by commas')
-def _snrs(text: str) -> list[float | None]:
-    levels = [None if part == 'none' else float(part) for part in text.split(',')]
-    if not all(level is None or math.isfinite(level) for level in levels):
-        raise ValueError
-    return list(dict.fromkeys(levels))
-
-
-def _names(text: str) -> list[str]:
-    return list(dict.fromkeys(text.split(',')))
-
-
-@console.argument('a number of edges, or A-B with 3 <= A <= B <= 64')
-def _edges(text: str) -> range:
-    """``A-B``, both included, or a single number."""
-    first, _, last = text.partition('-')
-    numbers = range(int(first), int(last or first) + 1)
-    if not 3 <= numbers.start < numbers.stop <= 65:
-        raise ValueError
-    return numbers
-
-
-@console.argument(f'A:B or A:B:STEP with one seed to {MOST_SEEDS:,}, from 0 to 2**32')
-def _seeds(text: str) -> range:
-    """``A:B`` or ``A:B:STEP``, as in Python's range."""
-    first, *rest = (int(part) for part in text.split(':', 2))
-    if not rest or max(abs(first), *map(abs, rest)) > 2**32:
-        raise ValueError
-    seeds = range(first, *rest)
-    if not 0 < len(seeds) <= MOST_SEEDS or min(seeds[0], seeds[-1]) < 0:
-        raise ValueError
-    return seeds
+    return _RUN[arguments.experiment](arguments)
 
 
 def _paper(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation import figures, tables
     from polymap_ros.evaluation.paper_experiment import RECTANGLE, SIMULATED, PaperExperiment, by_scene
 
-    _refuse(arguments, 'edges', 'seeds', 'variant', 'drive')
     repetitions, snr_db = arguments.repetitions or 10, _one(arguments.snr_db)
-    experiment = PaperExperiment(repetitions, snr_db, console.read_parameters(arguments))
+    experiment = PaperExperiment(repetitions, snr_db, console.read_parameters(PROGRAM, arguments))
     others = [(name, method) for method in arguments.method or [] if method != 'paper'
               for name in (*SIMULATED, RECTANGLE) if (name, method) != (RECTANGLE, 'rectangle')]
     for _, method in others:
@@ -133,7 +62,6 @@ def _random(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation import figures, tables
     from polymap_ros.evaluation.random_experiment import RandomExperiment, in_order
 
-    _refuse(arguments, 'repetitions')
     name, title = _variant(arguments)
     parameters, methods, seeds, edges = _scenes(arguments)
     drive = None
@@ -154,7 +82,6 @@ def _online(arguments: argparse.Namespace) -> int:
     from polymap_ros.evaluation import online_report
     from polymap_ros.evaluation.online_experiment import OnlineExperiment
 
-    _refuse(arguments, 'repetitions', 'drive')
     name, title = _variant(arguments)
     parameters, methods, seeds, edges = _scenes(arguments)
     experiment = OnlineExperiment(name, seeds, edges, methods, _one(arguments.snr_db), parameters)
@@ -166,15 +93,10 @@ def _online(arguments: argparse.Namespace) -> int:
 
 
 def _doubt(arguments: argparse.Namespace) -> int:
-    from polymap_ros.errors import UsageError
     from polymap_ros.evaluation.doubt_experiment import DoubtExperiment, doubt_table, faults
     from polymap_ros.simulation.doubtful_scenes import KINDS
 
-    _refuse(arguments, 'repetitions', 'drive')
-    if arguments.variant not in (None, *KINDS):
-        known = '; '.join(f'{other} ({kind.text})' for other, kind in KINDS.items())
-        raise UsageError(f'--variant {arguments.variant}: known: {known}')
-    kinds = [arguments.variant] if arguments.variant else list(KINDS)
+    kinds = _kinds(arguments, KINDS)
     parameters, methods, seeds, edges = _scenes(arguments)
     experiment = DoubtExperiment(kinds, seeds, edges, methods, _one(arguments.snr_db), parameters)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
@@ -187,28 +109,21 @@ def _doubt(arguments: argparse.Namespace) -> int:
 
 def _live(arguments: argparse.Namespace) -> int:
     run = {'live': live.live, 'cpu': live.cpu}[arguments.experiment]
-    _refuse(arguments, 'repetitions', 'method', 'edges', 'seeds', 'variant')
     rows, table = run(arguments)
     _write(arguments.output, rows, table, {})
     return console.DONE
 
 
 def _speed(arguments: argparse.Namespace) -> int:
-    _refuse(arguments, 'method', 'edges', 'seeds', 'variant', 'drive')
     rows, table = speed.speed(arguments)
     _write(arguments.output, rows, table, {})
     return console.DONE
 
 
 def _calibration(arguments: argparse.Namespace) -> int:
-    from polymap_ros.errors import UsageError
     from polymap_ros.evaluation.calibration_experiment import CASES, CalibrationExperiment, calibration_table
 
-    _refuse(arguments, 'repetitions', 'drive', 'method')
-    if arguments.variant not in (None, *CASES):
-        known = '; '.join(f'{other} ({case.text})' for other, case in CASES.items())
-        raise UsageError(f'--variant {arguments.variant}: known: {known}')
-    cases = [arguments.variant] if arguments.variant else list(CASES)
+    cases = _kinds(arguments, CASES)
     parameters, _, seeds, edges = _scenes(arguments)
     experiment = CalibrationExperiment(cases, seeds, edges, _one(arguments.snr_db), parameters)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
@@ -218,15 +133,34 @@ def _calibration(arguments: argparse.Namespace) -> int:
     return console.DONE
 
 
-_EXPERIMENTS = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'calibration': _calibration,
-                'live': _live, 'cpu': _live, 'speed': _speed}
+def _slam(arguments: argparse.Namespace) -> int:
+    from polymap_ros.evaluation.slam_experiment import CASES, SlamExperiment, failures, slam_table
+
+    cases = _kinds(arguments, CASES)
+    parameters, _, seeds, edges = _scenes(arguments)
+    experiment = SlamExperiment(cases, seeds, edges, _one(arguments.snr_db), parameters)
+    done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
+    trials = sorted((trial for group in done for trial in group), key=lambda entry: (
+        cases.index(entry.case), entry.trial.seed, entry.trial.edges))
+    text = f'{slam_table(trials)}\n\nNot right, by edges-seed:\n\n{failures(trials)}'
+    _write(arguments.output, trials, text, {})
+    return console.DONE
+
+
+_RUN = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'calibration': _calibration,
+        'slam': _slam, 'live': _live, 'cpu': _live, 'speed': _speed}
 
 
 def _spare(folder: Path) -> None:
-    """Refuse to write where results would take the place of what is not of an earlier run, or of one interrupted."""
-    from polymap_ros.errors import UsageError
+    """Refuse to write where nothing can be, or in the place of what is of no earlier run, or of one interrupted."""
+    from polymap_ros.atomic import check_writable
+    from polymap_ros.errors import OutputError, UsageError
     from polymap_ros.evaluation.rows import PartialRows
 
+    check_writable(folder)
+    for path in map(folder.joinpath, NAMES):
+        if path.is_dir():
+            raise OutputError(path, 'it is a folder; move it away')
     if (partial := PartialRows(folder).path).exists():
         raise UsageError(f'{partial}: has the rows of a run that was interrupted; move it, or choose another --output')
     found = [name for name in NAMES if (folder / name).exists()]
@@ -235,36 +169,48 @@ def _spare(folder: Path) -> None:
                          'the results would take its place; choose another --output')
 
 
+class _Told(Protocol):
+    """What a kind of scenes says of itself."""
+
+    @property
+    def text(self) -> str: ...
+
+
 def _variant(arguments: argparse.Namespace) -> tuple[str, str]:
     """Name of the variant, and a title for its pictures."""
-    from polymap_ros.errors import UsageError
     from polymap_ros.evaluation.variants import VARIANTS
 
     name = arguments.variant or 'plate'
-    if name not in VARIANTS:
-        known = '; '.join(f'{other} ({variant.text})' for other, variant in VARIANTS.items())
-        raise UsageError(f'--variant {name}: known: {known}')
+    _check_known(name, VARIANTS)
     title = VARIANTS[name].text
     if len(arguments.snr_db) == 1:
         title += ', no noise' if arguments.snr_db[0] is None else f', {arguments.snr_db[0]:g} dB'
     return name, title
 
 
+def _kinds(arguments: argparse.Namespace, all_kinds: Mapping[str, _Told]) -> list[str]:
+    """The kind that is asked for, or all of them."""
+    if arguments.variant is None:
+        return list(all_kinds)
+    _check_known(arguments.variant, all_kinds)
+    return [arguments.variant]
+
+
+def _check_known(name: str, all_kinds: Mapping[str, _Told]) -> None:
+    from polymap_ros.errors import UsageError
+
+    if name not in all_kinds:
+        known = '; '.join(f'{other} ({kind.text})' for other, kind in all_kinds.items())
+        raise UsageError(f'--variant {name}: known: {known}')
+
+
 def _scenes(arguments: argparse.Namespace) -> 'tuple[Parameters, list[str], range, range]':
     """Parameters, methods, seeds and numbers of edges."""
-    parameters = console.read_parameters(arguments)
+    parameters = console.read_parameters(PROGRAM, arguments)
     methods = arguments.method or [parameters.solver.method]
     for method in methods:
         parameters.replaced({'solver.method': method})
     return parameters, methods, arguments.seeds or range(10), arguments.edges or range(3, 9)
-
-
-def _refuse(arguments: argparse.Namespace, *names: str) -> None:
-    from polymap_ros.errors import UsageError
-
-    for name in names:
-        if getattr(arguments, name) is not None:
-            raise UsageError(f'--{name.replace("_", "-")} does not act in "{arguments.experiment}"')
 
 
 def _one(levels: list[float | None]) -> float | None:
@@ -304,6 +250,7 @@ def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict
     from polymap_ros.atomic import move_into_place, staging
     from polymap_ros.evaluation.rows import PartialRows, csv_text
 
+    console.tell(table)  # before anything is written that may fail
     with staging(folder / RESULTS) as stage:
         (stage / RESULTS).write_text(csv_text(results), encoding='utf-8')
         (stage / TABLE).write_text(f'{table}\n', encoding='utf-8')
@@ -314,7 +261,6 @@ def _write(folder: Path, results: 'Sequence[Result]', table: str, pictures: dict
         for name in (RESULTS, TABLE, *pictures):
             move_into_place(stage / name, folder / name)
     PartialRows(folder).discard()
-    console.tell(table)
     console.tell(f'\n{folder}: {", ".join((RESULTS, TABLE, *pictures))}')
 
 

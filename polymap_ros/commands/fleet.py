@@ -1,4 +1,4 @@
-"""Many jobs at once that each end in a status: on the cores of this machine, or on a Dask cluster."""
+"""Many jobs at once: on the cores of this machine, or on a Dask cluster."""
 
 import logging
 import os
@@ -8,7 +8,7 @@ from concurrent.futures import CancelledError
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing
 from types import FrameType
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 from polymap_ros.commands import console
 from polymap_ros.errors import UsageError
@@ -16,6 +16,7 @@ from polymap_ros.errors import UsageError
 if TYPE_CHECKING:
     from distributed import Client
 
+T = TypeVar('T')
 UNIT = 'recording'
 WAIT_S = 10.0
 """For an answer of the scheduler, and for its first worker."""
@@ -28,33 +29,55 @@ Futures = Generator[tuple[int, Any], None, None]
 class Done(NamedTuple):
     """How a job ended, and what it had to say."""
 
-    status: int
+    result: Any
     said: console.Said
 
 
-def run_all(program: str, job: Callable[..., int], jobs: Jobs, processes: int, scheduler: str | None) -> int:
+def run_all(
+    program: str, job: Callable[..., T], jobs: Jobs, processes: int, scheduler: str | None, lost: Callable[..., T],
+    note: Callable[[T], object] = lambda result: None,
+) -> list[T]:
     """Do all jobs, whose first argument is their name; what each says is printed once it is done.
 
-    A job that cannot be done is reported in one line, with status 2, and the others go on.
+    A job that is lost is reported in one line, and the others go on.
+
+    Parameters
+    ----------
+    program : str
+        Name of the command, for what is said.
+    job : callable
+        Does a job.
+    jobs : sequence of tuple
+        Arguments of each.
+    processes : int
+        Jobs at a time.
+    scheduler : str, optional
+        Address of a Dask cluster's, to work there.
+    lost : callable
+        Makes the result of a job that was lost, of its arguments and the reason.
+    note : callable
+        Takes each result as soon as it is there.
 
     Returns
     -------
-    int
-        The highest status.
+    list
+        Results, in the order of the jobs.
     """
-    status = console.DONE
+    results: dict[int, T] = {}
     over = _on_cluster(job, jobs, scheduler) if scheduler else _here(job, jobs, processes)
     with closing(over), console.progress(f'{UNIT}s', len(jobs), UNIT) as advance:
         for number, future in over:
             try:
                 done = future.result()
             except Exception as error:  # whatever a job ended with
-                text = f'{program}: error: {jobs[number][0]}: {_reason(error)}'
-                done = Done(console.WRONG, console.Said(err=[' '.join(text.split())]))
+                reason = ' '.join(_reason(error).split())
+                text = f'{program}: error: {jobs[number][0]}: {reason}'
+                done = Done(lost(*jobs[number], reason), console.Said(err=[text]))
+            results[number] = done.result
+            note(done.result)  # before it is told: what was told is kept, whatever interrupts this
             console.repeat(done.said)
-            status = max(status, done.status)
             advance(1)
-    return status
+    return [results[number] for number in range(len(jobs))]
 
 
 def _reason(error: Exception) -> str:
@@ -66,7 +89,7 @@ def _reason(error: Exception) -> str:
     return f'{type(error).__name__}: {error}'
 
 
-def _here(job: Callable[..., int], jobs: Jobs, processes: int) -> Futures:
+def _here(job: Callable[..., Any], jobs: Jobs, processes: int) -> Futures:
     """In processes of this machine.
 
     Where one of them ends abruptly, all jobs that are not over are lost with it. They are done again, those under way
@@ -90,7 +113,7 @@ def _here(job: Callable[..., int], jobs: Jobs, processes: int) -> Futures:
                 yield number, future
 
 
-def _on_cluster(job: Callable[..., int], jobs: Jobs, address: str) -> Futures:
+def _on_cluster(job: Callable[..., Any], jobs: Jobs, address: str) -> Futures:
     """On the workers of a Dask cluster; a job whose worker ends is given to another one, by the scheduler."""
     with _client(address) as client:
         from distributed import as_completed
@@ -98,6 +121,11 @@ def _on_cluster(job: Callable[..., int], jobs: Jobs, address: str) -> Futures:
         numbers = {client.submit(_unseen, job, *each, pure=False): number for number, each in enumerate(jobs)}
         for future in as_completed(numbers):
             yield numbers[future], future
+
+
+def check_cluster(address: str) -> None:
+    """Raise `UsageError` where nothing could be done on a cluster: no Dask, no scheduler, or one without workers."""
+    _client(address).close()
 
 
 def _client(address: str) -> 'Client':
@@ -123,13 +151,13 @@ def _client(address: str) -> 'Client':
     return client
 
 
-def _unseen(job: Callable[..., int], *arguments: Any) -> Done:
+def _unseen(job: Callable[..., Any], *arguments: Any) -> Done:
     with console.unseen() as said:
-        status = job(*arguments)
-    return Done(status, said)
+        result = job(*arguments)
+    return Done(result, said)
 
 
-def _in_process(job: Callable[..., int], *arguments: Any) -> Done:
+def _in_process(job: Callable[..., Any], *arguments: Any) -> Done:
     """SIGTERM unwinds the job, which cleans up after itself, and then ends the process; without a job, at once."""
     signal.signal(signal.SIGTERM, _stop)
     try:

@@ -30,15 +30,6 @@ ROUNDS = 5
 NS = 1_000_000_000
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what a drive is like."""
-    parser.add_argument('--minutes', type=float, metavar='M',
-                        help='live, cpu, speed: length of the drive (default: 10; 0.2, four times in each round; 10)')
-    parser.add_argument('--odom-hz', type=float, metavar='F', help='live, cpu: odometry rate (default: 200)')
-    parser.add_argument('--ping-hz', type=float, metavar='F', help='live, cpu: pings per second (default: 20)')
-    parser.add_argument('--samples', type=int, metavar='N', help='live, cpu: samples per ping (default: 8192)')
-
-
 @dataclass(frozen=True)
 class Stream:
     """What is published, second for second."""
@@ -72,7 +63,7 @@ class Stream:
         import numpy as np
 
         from polymap_ros.evaluation.round_trip import RoundTrip
-        from polymap_ros.mapping.pose import Pose
+        from polymap_ros.geometry.pose import Pose
         from polymap_ros.messages.outputs import odometry_message, time_message
         from polymap_ros.node.factory import make
 
@@ -135,14 +126,14 @@ class Record:
 def live(arguments: argparse.Namespace) -> 'tuple[list[Second], str]':
     """Drive for minutes with the real node, reliable; rows and a table."""
     require_ros()
-    from polymap_ros.node.observed import Listener, Observed
+    from polymap_ros.node.observed import Observed, Observer
     from polymap_ros.node.player import playing
 
     stream, duration_s = Stream.of(arguments), 60.0 * (arguments.minutes or 10.0)
     own_domain()
     pings = stream.pings()
     with Observed('polymap_ros.commands.node', ['--ros-args', *RELIABLE, *node_arguments(arguments)]) as node, \
-            playing(TOPICS, 1.0, []) as player, Listener().listening() as listener:
+            playing(TOPICS, 1.0, []) as player, Observer().listening() as listener:
         if lonely := player.wait(WAIT_S):
             raise UsageError(f'the node does not subscribe to {" and ".join(lonely)}')
         record = Record(node)
@@ -265,7 +256,7 @@ def cpu_table(rows: list[dict[str, Any]]) -> str:
 
 def node_arguments(arguments: argparse.Namespace) -> list[str]:
     """The parameters of the command line, for the node."""
-    console.read_parameters(arguments)
+    console.read_parameters(PROGRAM, arguments)
     file = ['--params-file', str(arguments.params_file)] if arguments.params_file else []
     return [*file, *(part for text in arguments.overrides for part in ('-p', text))]
 

@@ -3,27 +3,20 @@
 import argparse
 import dataclasses
 import os
+import shlex
 import sys
-import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
 from polymap_ros.commands import console
+from polymap_ros.commands.replaying import PROGRAM, Outcome, attempt, calibrated
 from polymap_ros.errors import RecordingError, UsageError
 from polymap_ros.parameters import Parameters
 
-if TYPE_CHECKING:
-    from polymap_ros.mapping.estimate import Caution, Estimate
-    from polymap_ros.mapping.mapper import PolygonMapper
-    from polymap_ros.mapping.session import Tape
-    from polymap_ros.recordings.reading import Recording
-    from polymap_ros.recordings.replay import Replay
-
-PROGRAM = 'polymap_replay'
-SLICE = 5
-"""Iterations of the solver between two looks at the progress bar."""
+Job: TypeAlias = tuple[Path, Path, Parameters, argparse.Namespace]
+"""What `attempt` takes."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -37,11 +30,15 @@ def _parser() -> argparse.ArgumentParser:
     parser = console.Parser(
         PROGRAM, 'Map the polygon in one or more recordings, as fast as the machine goes. No ROS is needed.',
         'Exit status: 0 done; 1 no polygon closes, the reason is on stderr; 2 wrong usage, recording or parameter; '
-        '130 interrupted, 143 terminated.')
-    parser.add_argument('recordings', nargs='+', type=Path, metavar='RECORDING',
-                        help='rosbag2 directory, or a bare .mcap or .db3 file; each is a map of its own')
+        '130 interrupted, 143 terminated.',
+        ['polymap_replay bags/pentagon --plot --output polymap',
+         'polymap_replay drive.mcap --params-file polymap.yaml -p topics.echo:=/sonar/raw',
+         'polymap_replay drive.mcap --calibrate',
+         'polymap_replay drives/*.mcap --jobs 4 --output maps   # many, and maps/summary.csv'])
+    parser.add_argument('recordings', nargs='+', type=console.path_argument, metavar='RECORDING',
+                        help='rosbag2 directory, or a bare MCAP or SQLite file, compressed or not; a map each')
     console.add_parameter_arguments(parser)
-    parser.add_argument('--output', type=Path, metavar='DIR',
+    parser.add_argument('--output', type=console.path_argument, metavar='DIR',
                         help='folder of the results, made where missing, earlier results in it are replaced; several '
                              'recordings go to DIR/<name>/ (default: the parameter output.dir, which is polymap)')
     where = parser.add_mutually_exclusive_group()
@@ -56,8 +53,13 @@ def _parser() -> argparse.ArgumentParser:
                         help='write polygon.png: the mapped room beside the beamforming map')
     parser.add_argument('--plot-signals', action='store_true',
                         help='write signals.png: the pings as received, after each step of the front end, and as heard')
+    parser.add_argument('--report', action='store_true',
+                        help='write report.html: a page to read, print and pass on, with the outline drawn to scale, '
+                             'the beamforming map, all numbers, and warnings with what to do; several recordings '
+                             'get DIR/index.html over their pages, too')
     parser.add_argument('--record', action='store_true',
-                        help='write result.mcap: the odometry and all outputs, for Foxglove or RViz')
+                        help='write result.mcap: the odometry, and all outputs of a node as they grew, for Foxglove '
+                             'or RViz')
     parser.add_argument('--export', action='append', default=[], choices=('csv', 'geojson', 'dxf'), dest='exports',
                         help='write polygon.csv, polygon.geojson or polygon.dxf, in metres in the odometry frame, if a '
                              'polygon closes (csv: or the walls that are certain); may be repeated')
@@ -74,32 +76,104 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    parameters = console.read_parameters(arguments)
+    parameters = console.read_parameters(PROGRAM, arguments)
     start_s, end_s = arguments.start, arguments.end
     if not (start_s is None or start_s >= 0.0) or not (end_s is None or end_s > (start_s or 0.0)):
         raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
                          'message')
-    if parameters.output.load_path and (what := _calibrated(arguments)):
+    if parameters.output.load_path and (what := calibrated(arguments)):
         option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero'}[what]
         raise UsageError(f'--{option} starts from a recording alone; leave output.load_path out')
-    folders = _folders(arguments.recordings, arguments.output or Path(parameters.output.dir))
+    _refuse_collections(arguments.recordings)
+    output = arguments.output or Path(parameters.output.dir)
+    folders = _folders(arguments.recordings, output, arguments.report)
+    _check(arguments, parameters, folders)
+    if arguments.scheduler:
+        parameters, folders = _anywhere(parameters, folders)
+    jobs = [(recording, folder, parameters, arguments) for recording, folder in folders.items()]
+    if len(jobs) == 1:
+        return _replay_all(jobs, arguments, lambda outcome: None)[0].status
+    return _replay_many(jobs, arguments, output)
+
+
+def _replay_many(jobs: Sequence[Job], arguments: argparse.Namespace, output: Path) -> int:
+    """Replay recordings and sum them up, also those so far where the work is interrupted."""
+    from polymap_ros.commands.ledger import Ledger
+    from polymap_ros.commands.pages import clear_index, refuse_foreign_index, write_index
+
+    if arguments.report:
+        refuse_foreign_index(output)
+    ledger = Ledger(output, {recording: folder.name for recording, folder, _, _ in jobs})
+    had_index = clear_index(output)
+    problem = ''
+    try:
+        _replay_all(jobs, arguments, ledger.add)
+    finally:
+        ledger.add_interrupted()
+        indexed = arguments.report or (had_index and ledger.earlier)
+        if indexed and (problem := write_index(output, ledger.outcomes, ledger.earlier)):
+            console.complain(PROGRAM, f'error: {problem}')
+        ledger.tell()
+    return max(ledger.status, console.WRONG if problem else console.DONE)
+
+
+def _refuse_collections(recordings: Sequence[Path]) -> None:
+    """Of a folder that holds recordings and is none, name them all."""
+    from polymap_ros.recordings.finding import collection
+
+    for path in recordings:
+        if found := collection(path):
+            raise UsageError(f'{path}: is no recording, but holds {len(found)}; to replay '
+                             f'{"it" if len(found) == 1 else "all of them"}: {PROGRAM} {shlex.join(map(str, found))}')
+
+
+def _check(arguments: argparse.Namespace, parameters: Parameters, folders: dict[Path, Path]) -> None:
+    """Refuse before the work what could not be written after it, and what every recording would be refused for."""
     _spare(folders, arguments.params_file)
+    if not arguments.scheduler:  # whose workers may see other disks, and check it themselves
+        from polymap_ros.pulse_file import read_pulse
+        from polymap_ros.results.folder import check_folder
+        from polymap_ros.results.loading import check_loading
+
+        for folder in folders.values():
+            check_folder(folder)
+        read_pulse(parameters)
+        check_loading(parameters)
     if arguments.plot or arguments.plot_signals:
         from polymap_ros.results.picture import require_matplotlib
 
         require_matplotlib()
+    if arguments.report:
+        from polymap_ros.results.report.templating import require_jinja
+
+        require_jinja()
     if 'dxf' in arguments.exports:
         from polymap_ros.results.export import require_ezdxf
 
         require_ezdxf()
     if arguments.scheduler:
-        parameters, folders = _anywhere(parameters, folders)
-    jobs = [(recording, folder, parameters, arguments) for recording, folder in folders.items()]
-    if arguments.scheduler or min(arguments.jobs, len(jobs)) > 1:
-        from polymap_ros.commands.fleet import run_all
+        from polymap_ros.commands.fleet import check_cluster
 
-        return run_all(PROGRAM, _attempt, jobs, min(arguments.jobs, len(jobs)), arguments.scheduler)
-    return max(_attempt(*job) for job in jobs)
+        check_cluster(arguments.scheduler)
+
+
+def _replay_all(
+    jobs: Sequence[Job], arguments: argparse.Namespace, note: Callable[[Outcome], object]
+) -> list[Outcome]:
+    """Replay every recording; `note` takes each outcome as soon as it is there."""
+    processes = min(arguments.jobs, len(jobs))
+    if not arguments.scheduler and processes == 1:
+        outcomes = []
+        for job in jobs:
+            outcomes.append(attempt(*job))
+            note(outcomes[-1])
+        return outcomes
+    from polymap_ros.commands.fleet import run_all
+
+    def lost(recording: Path, folder: Path, _: Parameters, __: argparse.Namespace, error: str) -> Outcome:
+        return Outcome(recording, folder, console.WRONG, error=error)
+
+    return run_all(PROGRAM, attempt, jobs, processes, arguments.scheduler, lost, note)
 
 
 def _anywhere(parameters: Parameters, folders: dict[Path, Path]) -> tuple[Parameters, dict[Path, Path]]:
@@ -110,18 +184,17 @@ def _anywhere(parameters: Parameters, folders: dict[Path, Path]) -> tuple[Parame
             {recording.absolute(): folder.absolute() for recording, folder in folders.items()})
 
 
-def _attempt(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:
-    return console.attempt(PROGRAM, lambda: _replay(path, folder, parameters, arguments))
-
-
-def _folders(recordings: Sequence[Path], output: Path) -> dict[Path, Path]:
+def _folders(recordings: Sequence[Path], output: Path, report: bool) -> dict[Path, Path]:
     """Where the results of each recording go."""
     if len(recordings) == 1:
         return {recordings[0]: output}
-    names = [path.stem if path.suffix in ('.mcap', '.db3') else Path(os.path.abspath(path)).name  # noqa: PTH100, with no ..
-             for path in recordings]
+    from polymap_ros.commands.ledger import SUMMARY
+    from polymap_ros.commands.pages import INDEX
+    from polymap_ros.recordings.finding import recording_name
+
+    names = [recording_name(path) for path in recordings]
     for path, name in zip(recordings, names, strict=True):
-        if name in ('', '.', '..'):
+        if name in ('', '.', '..', SUMMARY) or (report and name == INDEX):
             raise UsageError(f'{path}: has no name that its folder in {output} could have; replay it by itself')
         if names.count(name) > 1:
             raise UsageError(f'{names.count(name)} recordings are called {name}, which names their folder in {output}; '
@@ -147,126 +220,6 @@ def _spare(folders: dict[Path, Path], parameter_file: Path | None) -> None:
         if foreign := holds_foreign(folder):
             raise UsageError(f'{folder}: holds {", ".join(foreign)} and no polygon.json, so that is not of an earlier '
                              'run, and the results would take its place; choose another --output')
-
-
-def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> int:
-    from polymap_ros.commands import calibrating
-    from polymap_ros.mapping.calibration import Fit
-    from polymap_ros.mapping.comparison import compare
-    from polymap_ros.pulse_file import read_pulse
-    from polymap_ros.recordings.outcome import write_outcome
-    from polymap_ros.recordings.reading import Recording
-    from polymap_ros.recordings.replay import some_pings
-    from polymap_ros.recordings.truth import read_truth
-    from polymap_ros.results.calibration_yaml import calibration_yaml
-    from polymap_ros.results.folder import CALIBRATION, RECORD, SIGNALS, result_folder
-    from polymap_ros.results.save import write_results
-    from polymap_ros.results.signal_picture import signals_png
-    from polymap_ros.results.summary import summary
-
-    began_s = time.monotonic()
-    console.tell_compiling(PROGRAM)
-    interval_s = arguments.start, arguments.end
-    with Recording.open(path) as recording:
-        truth = read_truth(path)
-        mapper, replay, tape = _heard(recording, parameters, interval_s)
-        noted, fit = [], None
-        if what := _calibrated(arguments):
-            session = tape.session(read_pulse(parameters))
-            fit = calibrating.found(session, what, path.name)
-            noted += [calibrating.heard_directly(session)] if what == 'time zero' else []
-            noted.append(calibrating.told(session, fit))
-            if isinstance(fit, Fit):
-                parameters = parameters.replaced(fit.values)
-                mapper, replay, tape = _heard(recording, parameters, interval_s)
-        estimate = _solve(mapper, parameters, path.name)
-        if not noted:
-            noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, path.name)
-        cautions = [*replay.cautions(), *noted]
-        frame = mapper.frame_id
-        if mapper.plane and not mapper.plane.is_xy:
-            frame, truth = f'the plane of the first pose in {frame}', None  # the truth is in the odometry's x and y
-        with result_folder(folder) as stage:
-            write_results(stage, mapper, estimate, parameters, cautions=cautions, truth=truth,
-                          plot=arguments.plot, save_map=arguments.save_map, exports=arguments.exports)
-            if isinstance(fit, Fit):
-                (stage / CALIBRATION).write_bytes(calibration_yaml(fit.values, fit.deviations))
-            if arguments.plot_signals:
-                pings = some_pings(recording, replay.echo_topic, parameters, *interval_s)
-                (stage / SIGNALS).write_bytes(signals_png(mapper, pings))
-            if arguments.record:
-                write_outcome(stage / RECORD, recording, replay.odom_topic, mapper, parameters, *interval_s)
-    closed = estimate.polygon if estimate.status == 'closed' else None
-    comparison = compare(closed.vertices, truth) if closed and truth is not None else None
-    console.tell(f'{path}: {summary(estimate, frame, mapper.counts, cautions, comparison)}')
-    console.tell(f'odometry: {replay.odometry.received} received, {replay.odometry.used} used')
-    if missing := [name for kind in arguments.exports if not (folder / (name := f'polygon.{kind}')).exists()]:
-        console.tell(f'no {", ".join(missing)}: there is no polygon to export')
-    console.tell(f'{time.monotonic() - began_s:.1f} s; results in {folder}')
-    if closed is None:
-        console.complain(PROGRAM, f'{path}: {_reason(estimate, mapper, cautions)}')
-        return console.NO_POLYGON
-    for caution in cautions:
-        if caution.code.startswith('recording_'):
-            console.complain(PROGRAM, f'warning: {path}: {caution.text}')
-    return console.DONE
-
-
-def _calibrated(arguments: argparse.Namespace) -> str:
-    """What is to be found from the recording itself; empty if nothing is."""
-    asked = {'medium': arguments.calibrate, 'odometry': arguments.fit_odometry, 'time zero': arguments.fit_time_zero}
-    return next((what for what, wanted in asked.items() if wanted), '')
-
-
-def _heard(
-    recording: 'Recording', parameters: Parameters, interval_s: 'tuple[float | None, float | None]'
-) -> 'tuple[PolygonMapper, Replay, Tape]':
-    """A mapper that has taken the whole recording, and what it used."""
-    from polymap_ros.mapping.session import Tape
-    from polymap_ros.recordings.replay import Replay
-
-    mapper = _make_mapper(parameters)
-    tape = Tape(mapper)
-    replay = Replay(recording, mapper, parameters, *interval_s)
-    with console.progress(f'{recording.path.name}: reading', replay.total, 'msg') as advance:
-        for _ in replay:
-            advance(1)
-    return mapper, replay, tape
-
-
-def _make_mapper(parameters: Parameters) -> 'PolygonMapper':
-    """A fresh mapper, or one that continues the saved state of `output.load_path`."""
-    from polymap_ros.mapping.mapper import PolygonMapper
-    from polymap_ros.pulse_file import read_pulse
-    from polymap_ros.results.arrays import naming, read_state
-
-    pulse = read_pulse(parameters)
-    if path := parameters.output.load_path:
-        state = read_state(Path(path))
-        with naming(path):
-            return PolygonMapper.from_state(parameters, state, pulse)
-    return PolygonMapper(parameters, pulse)
-
-
-def _solve(mapper: 'PolygonMapper', parameters: Parameters, name: str) -> 'Estimate':
-    total = parameters.solver.iterations if parameters.solver.method == 'paper' else None
-    mapper.begin_solve()
-    with console.progress(f'{name}: solving', total) as advance:
-        done = False
-        while not done:
-            done = mapper.advance(SLICE)
-            advance(SLICE)
-    assert mapper.estimate is not None
-    return mapper.estimate
-
-
-def _reason(estimate: 'Estimate', mapper: 'PolygonMapper', cautions: 'Sequence[Caution]') -> str:
-    """Why no polygon closes."""
-    parts = [caution.text for caution in (*estimate.cautions, *cautions)]
-    if not mapper.counts.used and mapper.counts.dropped:
-        reason = max(mapper.counts.dropped, key=lambda key: (mapper.counts.dropped[key], key))
-        parts.insert(0, f'all pings were dropped, most as {reason}: {mapper.last_drop_texts.get(reason, "")}')
-    return f'{estimate.status}, no polygon closes: {"; ".join(parts)}'
 
 
 if __name__ == '__main__':

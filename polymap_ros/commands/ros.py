@@ -2,6 +2,7 @@
 
 import importlib.util
 from collections.abc import Sequence
+from itertools import pairwise
 
 from polymap_ros.errors import UsageError
 
@@ -17,6 +18,15 @@ def without_ros_arguments(arguments: Sequence[str]) -> list[str]:
         elif not within:
             ours.append(argument)
     return ours
+
+
+def refuse_ros_arguments(ours: Sequence[str], options: Sequence[str]) -> int:
+    """Return 0, or raise `UsageError` with the remedy for ROS's options that do not follow ``--ros-args``."""
+    for option, value in pairwise([*ours, '']):
+        if option in options:
+            given = f'{option} {value}'.strip()
+            raise UsageError(f"{given}: ROS's own arguments follow --ros-args, as in --ros-args {given}")
+    return 0
 
 
 def require_ros() -> None:

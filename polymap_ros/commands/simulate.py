@@ -28,10 +28,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> console.Parser:
-    parser = console.Parser(PROGRAM, 'Make a recording of a simulated scene, with its ground truth in truth.json.')
+    parser = console.Parser(
+        PROGRAM, 'Make a recording of a simulated scene, with its ground truth in truth.json and truth.tum.',
+        'A scene file has the vertices and a path; copy a built-in one from the package, config/*.scene.yaml.',
+        ['polymap_simulate pentagon --output drive', 'polymap_simulate plate.scene.yaml --output plate.mcap',
+         'polymap_replay drive --plot --output polymap   # and map it'])
     parser.add_argument('scene', metavar='SCENE',
                         help='YAML scene file, or a built-in scene: triangle, quadrilateral, pentagon, rectangle')
-    parser.add_argument('--output', type=Path, required=True, metavar='RECORDING',
+    parser.add_argument('--output', type=console.path_argument, required=True, metavar='RECORDING',
                         help='rosbag2 directory to write, or a bare .mcap or .db3 file; must not exist')
     parser.add_argument('--storage', choices=('mcap', 'sqlite3'), default='mcap',
                         help='format of a directory (default: mcap)')
@@ -45,7 +49,8 @@ def _simulate(arguments: argparse.Namespace) -> int:
     scene = load_scene(arguments.scene, recorded_path)
     record(scene, arguments.output, arguments.storage)
     console.tell(
-        f'{arguments.output}: {len(scene.vertices)} edges, {len(scene.poses)} pings of {scene.n_samples} samples')
+        f'{console.in_one_line(arguments.output)}: {len(scene.vertices)} edges, {len(scene.poses)} pings of '
+        f'{scene.n_samples} samples')
     return console.DONE
 
 
@@ -68,9 +73,12 @@ def _companions(scene: 'Scene') -> dict[str, bytes]:
     """What a replay needs to know of the scene, and the truth, by file."""
     import numpy as np
 
-    from polymap_ros.recordings.truth import TRUTH_NAME
+    from polymap_ros.recordings.truth import PATH_NAME, TRUTH_NAME
+    from polymap_ros.results.tum import tum
 
-    files = {TRUTH_NAME: (json.dumps({'vertices': scene.vertices.tolist()}) + '\n').encode()}
+    emissions_ns = scene.stamps_ns - round(scene.t0_s * 1e9)
+    files = {TRUTH_NAME: (json.dumps({'vertices': scene.vertices.tolist()}) + '\n').encode(),
+             PATH_NAME: tum(emissions_ns, scene.poses)}
     if scene.recorded_pulse is not None:
         pulse = io.BytesIO()
         np.save(pulse, scene.recorded_pulse, allow_pickle=False)
@@ -84,7 +92,7 @@ def recorded_path(path: Path, topic: str) -> 'NDArray[np.float64]':
     """Poses (N, 3) of an odometry topic of a recording."""
     import numpy as np
 
-    from polymap_ros.mapping.plane import XY
+    from polymap_ros.geometry.plane import XY
     from polymap_ros.messages.odometry import stamped_pose
     from polymap_ros.recordings.reading import Recording
 
@@ -97,7 +105,7 @@ def recorded_path(path: Path, topic: str) -> 'NDArray[np.float64]':
 def _odometry(scene: 'Scene') -> Iterator[tuple[int, str, Any]]:
     import numpy as np
 
-    from polymap_ros.mapping.pose import Pose
+    from polymap_ros.geometry.pose import Pose
     from polymap_ros.messages.outputs import odometry_message
     from polymap_ros.recordings.writing import make
 

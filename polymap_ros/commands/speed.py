@@ -19,16 +19,9 @@ if TYPE_CHECKING:
 
 PROGRAM = 'polymap_evaluate'
 COMMANDS = 'node', 'replay', 'play', 'simulate', 'evaluate'
-REPETITIONS, MINUTES, MOST_PINGS = 20, 10.0, 100_000
+REPETITIONS, MINUTES = 20, 10.0
 ODOM_HZ, PING_HZ, N_SAMPLES = 100.0, 10.0, 4096
 NS = 1_000_000_000
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add what speed alone takes."""
-    parser.add_argument('--growth', type=console.count, nargs='?', const=MOST_PINGS, metavar='PINGS',
-                        help='speed: instead, time and memory over pings (100 to PINGS, default: 100000), samples, '
-                             'cells and lines')
 
 
 def speed(arguments: argparse.Namespace) -> 'tuple[list[Any], str]':
@@ -53,7 +46,7 @@ def _growth(arguments: argparse.Namespace) -> 'tuple[list[Growth], str]':
 
     rows = []
     with console.progress(PROGRAM, None, 'row') as advance:
-        for row in growth(console.read_parameters(arguments), arguments.growth):
+        for row in growth(console.read_parameters(PROGRAM, arguments), arguments.growth):
             rows.append(row)
             advance(1)
     return rows, growth_table(rows)
@@ -68,7 +61,7 @@ def _rows(arguments: argparse.Namespace) -> 'Iterator[Paired]':
         solve_costs,
     )
 
-    parameters, repetitions = console.read_parameters(arguments), arguments.repetitions or REPETITIONS
+    parameters, repetitions = console.read_parameters(PROGRAM, arguments), arguments.repetitions or REPETITIONS
     yield matched_filter_cost(parameters, repetitions)
     yield beamforming_cost(repetitions)
     drive = Drive(parameters)
@@ -109,7 +102,7 @@ def _record(path: Path, duration_s: float) -> None:
 
     from polymap_ros.acoustics.ping import Ping
     from polymap_ros.evaluation.round_trip import RoundTrip
-    from polymap_ros.mapping.pose import Pose
+    from polymap_ros.geometry.pose import Pose
     from polymap_ros.messages.outputs import echo_message, odometry_message
     from polymap_ros.recordings.writing import RecordingWriter, make
 

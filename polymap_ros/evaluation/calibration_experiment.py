@@ -2,19 +2,19 @@
 
 import dataclasses
 import time
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from polymap_ros.acoustics.medium import group_speed, make_medium
+from polymap_ros.calibration.diagnosis import diagnosis, doubtful
+from polymap_ros.calibration.fit import Fit, Refusal, calibrated_medium, calibrated_odometry
+from polymap_ros.calibration.session import Tape
 from polymap_ros.evaluation.tables import markdown, percent, unique
 from polymap_ros.evaluation.trials import feed, judged, ready
-from polymap_ros.mapping.calibration import Fit, Refusal, calibrated_medium, calibrated_odometry
-from polymap_ros.mapping.health import diagnosis, doubtful
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.session import Tape
 from polymap_ros.parameters import MediumParameters, Parameters
 from polymap_ros.simulation.doubtful_scenes import KINDS as DOUBTFUL
 from polymap_ros.simulation.faults import Faults
@@ -167,17 +167,18 @@ class CalibrationExperiment:
         feed(mapper, scene, clean)
         estimate, session = mapper.solve(), tape.session(scene.recorded_pulse)
         started = time.perf_counter()
-        named = _done(diagnosis(session)) if doubtful(estimate) else None
+        named = diagnosis(session) if doubtful(estimate) else None
         result: Fit | Refusal | None = named
         if culprit not in ('', _culprit(named)) or case == 'straight':
-            result = _done(calibrated_odometry(session) if culprit == 'odometry' else calibrated_medium(session))
+            result = calibrated_odometry(session) if culprit == 'odometry' else calibrated_medium(session)
         seconds = time.perf_counter() - started
         fit = result if isinstance(result, Fit) and culprit else None
         clean_scene = dataclasses.replace(scene, told_medium=None, faults=Faults())
         return [CalibrationTrial(
             case, seed, edges, bool(culprit) and self._right(clean_scene, {}),
             estimate.status != 'closed' or bool(estimate.cautions), _culprit(named),
-            result.reason if isinstance(result, Refusal) else '', *_errors(scene, fit),
+            '; '.join(filter(None, (result.reason, result.remedy))) if isinstance(result, Refusal) else '',
+            *_errors(scene, fit),
             fit is not None and self._right(scene, fit.values), seconds)]
 
     def _right(self, scene: Scene, values: Mapping[str, float]) -> bool:
@@ -207,15 +208,6 @@ def _errors(scene: Scene, fit: Fit | None) -> tuple[float | None, float | None, 
 
 def _culprit(fit: Fit | None) -> str:
     return '' if fit is None else next(iter(fit.values)).partition('.')[0]
-
-
-def _done(work: Generator[None, None, T]) -> T:
-    while True:
-        try:
-            next(work)
-        except StopIteration as done:
-            result: T = done.value
-            return result
 
 
 def calibration_table(trials: Sequence[CalibrationTrial]) -> str:

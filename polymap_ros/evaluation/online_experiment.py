@@ -9,13 +9,13 @@ import numpy as np
 
 from polymap_ros.evaluation.trials import ready
 from polymap_ros.evaluation.variants import VARIANTS
-from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.estimate import Estimate
+from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.waveforms import pings
+from polymap_ros.solvers.estimate import Estimate
 
 FROM_SCRATCH = ('paper', 'rectangle')
 """Methods of which every solve starts anew; the others go on from their last answer."""

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.evaluation.trials import Trial, filled_mapper, judged, ready, run_trials
-from polymap_ros.mapping.lines import iou
-from polymap_ros.mapping.paper_solver import PaperSolver
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.lines import iou
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
+from polymap_ros.solvers.paper.solver import PaperSolver
 
 SIMULATED, RECTANGLE = ('triangle', 'quadrilateral', 'pentagon'), 'rectangle'
 
@@ -75,18 +75,16 @@ class PaperExperiment:
         parameters = self.parameters.replaced({'solver.method': 'paper', 'solver.seed': run})
         ready(parameters)
         mapper = filled_mapper(scene, parameters)
-        solver = PaperSolver(mapper.parameters)
         started = time.perf_counter()
-        solver.begin(mapper.evidence)
-        solver.advance(mapper.parameters.solver.iterations)
-        estimate = solver.estimate()
+        annealing = PaperSolver(mapper.parameters).annealed(mapper.evidence)
+        estimate = annealing.estimate()
         seconds = time.perf_counter() - started
         start = mapper.start_pose or Pose(0.0, 0.0)
-        polygons = [start.apply(solver.polygon_at(iteration)) for iteration in range(1, len(solver.costs))]
+        polygons = [start.apply(annealing.polygon_at(iteration)) for iteration in range(1, len(annealing.costs))]
         return History(
             scene=name, true_edges=len(scene.vertices),
             trial=judged(estimate.moved(start), scene, 'paper', seconds, run=run),
-            cost=solver.costs[1:], edges=np.array([len(polygon) for polygon in polygons]),
+            cost=annealing.costs[1:], edges=np.array([len(polygon) for polygon in polygons]),
             iou=np.array([iou(polygon, scene.vertices) for polygon in polygons]))
 
     def run_once(self, name: str, method: str) -> Trial:

@@ -13,15 +13,14 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.evaluation.paired import Paired, paired
 from polymap_ros.evaluation.round_trip import RoundTrip
-from polymap_ros.mapping.annealing import Landscape, cost_of
-from polymap_ros.mapping.beamforming import BeamformingMap
-from polymap_ros.mapping.lines import half_plane_polygon
+from polymap_ros.geometry.outline import half_plane_polygon
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.paper_solver import PaperSolver
-from polymap_ros.mapping.pose import Pose
-from polymap_ros.mapping.snapshot import Snapshot
-from polymap_ros.mapping.thinning import KEPT_PINGS
+from polymap_ros.maps.beamforming import BeamformingMap
+from polymap_ros.maps.thinning import KEPT_PINGS
 from polymap_ros.parameters import GridParameters, Parameters
+from polymap_ros.solvers.paper.annealing import Landscape, cost_of
+from polymap_ros.solvers.paper.solver import PaperSolver
 
 N_SAMPLES, PERIOD_S = 8192, 1e-6
 GRID = GridParameters(range_max_m=2.995, range_step_m=0.005)
@@ -85,10 +84,8 @@ def beamforming_cost(repetitions: int) -> Paired:
 def overlap_cost(mapper: PolygonMapper, repetitions: int) -> Paired:
     """Eq. (5) of the states of an annealing in which the lines bound an area."""
     parameters = mapper.parameters.replaced({'solver.method': 'paper'})
-    solver = PaperSolver(parameters)
-    solver.begin(mapper.evidence)
-    solver.advance(parameters.solver.iterations)
-    snapshot = Snapshot.of(mapper.evidence)
+    annealing = PaperSolver(parameters).annealed(mapper.evidence)
+    snapshot = annealing.snapshot
     landscape = Landscape(
         snapshot.likelihood, snapshot.r_m, snapshot.theta_rad, snapshot.region.points, snapshot.region.ends,
         snapshot.region.area, parameters.solver.iou_weight)
@@ -96,7 +93,7 @@ def overlap_cost(mapper: PolygonMapper, repetitions: int) -> Paired:
     cells: list[NDArray[np.intp]] = []
     polygons: list[shapely.Polygon] = []
     for iteration in range(parameters.solver.iterations):
-        lines = solver.lines_at(iteration)
+        lines = annealing.lines_at(iteration)
         corners = half_plane_polygon(lines)[0]
         if len(corners) and len(cells) < SOME_STATES:
             cells.append(np.column_stack([np.searchsorted(axis, lines[:, k]) for k, axis in enumerate(axes)]))

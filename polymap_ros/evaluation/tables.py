@@ -77,6 +77,12 @@ def wilson(successes: int, of: int) -> tuple[float, float]:
     return max(centre - half, 0.0), min(centre + half, 1.0)
 
 
+def interval(successes: int, of: int) -> str:
+    """The 95 % interval of a share, for a table."""
+    low, high = wilson(successes, of)
+    return f'{100.0 * low:.0f} to {100.0 * high:.0f} %'
+
+
 def percent(share: float) -> str:
     """A share for a table."""
     return f'{100.0 * share:.1f} %'
@@ -102,9 +108,8 @@ def decibels(snr_db: float | None) -> str:
 
 def _success(group: Sequence[Trial]) -> list[str]:
     right = sum(trial.right for trial in group)
-    low, high = wilson(right, len(group))
     return [
-        str(len(group)), percent(right / len(group)), f'{100.0 * low:.0f} to {100.0 * high:.0f} %',
+        str(len(group)), percent(right / len(group)), interval(right, len(group)),
         _share([trial.estimated_edges == trial.edges for trial in group]),
         _share([trial.estimated_edges == trial.edges and trial.iou > 0.95 for trial in group]),
         _share([trial.status != 'closed' for trial in group]),

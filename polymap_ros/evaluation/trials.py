@@ -9,16 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.mapping.comparison import ANGLE_TOLERANCE_RAD, Comparison, compare
-from polymap_ros.mapping.estimate import Candidate, Estimate
-from polymap_ros.mapping.lines import polygon_lines
+from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.polygon_error import ANGLE_TOLERANCE_RAD, Comparison, compare
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.waveforms import pings
+from polymap_ros.solvers.estimate import Candidate, Estimate
 
 TOLERANCE_M = 0.003
 """A wall is right within this at the middle of the true edge (and within 0.5 degrees)."""
@@ -121,6 +121,8 @@ def feed(mapper: PolygonMapper, scene: Scene, clean: NDArray[np.float64] | None 
     for ping, pose in zip(pings(scene, clean), scene.reported_poses(), strict=True):
         mapper.add_pose(ping.emission_ns, Pose(*pose.tolist()))
         mapper.add_ping(ping)
+        if mapper.solve_due:
+            mapper.solve()
     mapper.finish()
 
 

@@ -3,6 +3,7 @@
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 from polymap_ros.parameters import MediumParameters, SensorParameters
 from polymap_ros.simulation.faults import Faults
@@ -27,7 +28,7 @@ def _changed(**changes: float) -> Callable[[int, int], Scene]:
     return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), **changes)  # type: ignore[arg-type]
 
 
-def _faulty(**faults: float) -> Callable[[int, int], Scene]:
+def _faulty(**faults: Any) -> Callable[[int, int], Scene]:
     return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), faults=Faults(**faults))
 
 

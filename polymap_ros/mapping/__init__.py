@@ -1,1 +1,1 @@
-"""From soundings to the polygon: eqs. (4)-(10). Pure: no ROS, no files."""
+"""The way through: from poses and pings to the polygon. Pure: no ROS, no files."""

@@ -3,35 +3,48 @@
 import copy
 import dataclasses
 from collections.abc import Callable, Iterable, Mapping
-from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from shapely import Polygon, contains_xy
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.errors import BadPing, StateError
-from polymap_ros.mapping.beamforming import BeamformingMap
-from polymap_ros.mapping.common_removal import CommonRemoval
-from polymap_ros.mapping.estimate import Estimate
-from polymap_ros.mapping.free_grid import make_free_area
-from polymap_ros.mapping.listening import Later, Listener, at_once
-from polymap_ros.mapping.odometry_error import OdometryCorrection, OdometryError
-from polymap_ros.mapping.ping_queue import PingCounts, PingQueue
-from polymap_ros.mapping.places import Places
-from polymap_ros.mapping.plane import XY, Plane, SpatialPose
-from polymap_ros.mapping.pose import Pose
-from polymap_ros.mapping.pose_track import PoseTrack
-from polymap_ros.mapping.signals import Signals
-from polymap_ros.mapping.solver import Evidence
-from polymap_ros.mapping.solvers import make_solver
-from polymap_ros.mapping.sounding import Sounding
-from polymap_ros.mapping.soundings import packed_soundings, unpacked_soundings
-from polymap_ros.mapping.state import packed, packed_frame, unpacked, unpacked_frame
-from polymap_ros.mapping.thinning import Thinning
+from polymap_ros.acoustics.pulse import RecordedPulse
+from polymap_ros.errors import BadPing, UsageError
+from polymap_ros.geometry.plane import Plane, SpatialPose
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.poses import in_frame, onward
+from polymap_ros.hearing.common_removal import CommonRemoval
+from polymap_ros.hearing.echo_band import EchoBand
+from polymap_ros.hearing.intake import Intake
+from polymap_ros.hearing.listening import Later, Listener, at_once
+from polymap_ros.hearing.odometer import Odometer
+from polymap_ros.hearing.offsets import Offsets
+from polymap_ros.hearing.packed_soundings import packed_soundings, unpacked_soundings
+from polymap_ros.hearing.ping_queue import PingCounts
+from polymap_ros.hearing.signals import Signals
+from polymap_ros.hearing.sounding import Sounding
+from polymap_ros.mapping.kept_pings import KeptPings, NewestPings
+from polymap_ros.mapping.outline import known_outline
+from polymap_ros.mapping.path_log import Path, PathLog
+from polymap_ros.mapping.state import damage_told, packed, packed_frame, unpacked, unpacked_frame
+from polymap_ros.mapping.surroundings import Surroundings, redrawn
+from polymap_ros.maps.beamforming import BeamformingMap
+from polymap_ros.maps.free_area import FreeArea
+from polymap_ros.maps.thinning import KEPT_PINGS
+from polymap_ros.maps.visited import Places
+from polymap_ros.packing import whole_number
 from polymap_ros.parameters import Parameters
+from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
+from polymap_ros.solvers.estimate import Estimate, Trajectory
+from polymap_ros.solvers.evidence.localising import LocalisingSolver
+from polymap_ros.solvers.evidence.solver import EvidenceSolver
+from polymap_ros.solvers.registry import make_solver
+from polymap_ros.solvers.solver import Evidence, Expected, Outline
 
-_SLICE = 100
-"""Iterations between two looks whether a solve is done."""
+FOLLOWED = 12
+"""Pings from one solve of a replay to the next where poses are estimated: what a window holds, of which each is looked
+for where the odometry leads from the one before."""
 
 
 class PolygonMapper:
@@ -45,255 +58,350 @@ class PolygonMapper:
     ----------
     parameters : Parameters
         Everything but the group `topics`, `map` and `output`.
-    recorded_pulse : ndarray, shape (n,), optional
-        Samples of ``pulse.kind: file``.
+    recorded_pulse : RecordedPulse or array_like, shape (n,), optional
+        That of ``pulse.kind: file``, which it implies; samples are at the pings' sample period.
     later : callable, optional
         Does what the first ping of a length takes longer for; default: at once. Pings wait until it is done, and for
         `go_on`.
     at_most : int, optional
-        Pings used in one go; more wait for the next pose or ping, or for `go_on`. Default: no limit.
+        Pings used in one go; more wait for `go_on`, and so does what comes meanwhile. Default: no limit.
+    outline : array_like, shape (n, 2), optional
+        With ``slam.mode: localization`` the convex outline in which the robot is, vertices in the map frame [m].
+
+    Raises
+    ------
+    UsageError
+        For an outline that is none, and for ``slam.mode: localization`` without one.
 
     Attributes
     ----------
-    beam_map : BeamformingMap
-        L_T of eq. (4).
-    free_area : FreeArea
-        A_T.
-    soundings : list of Sounding
-        The pings whose echoes are kept, in order of emission as far as they came in time.
+    intake : Intake
+        Where poses and pings wait for each other.
     places : Places
         Where all pings were used.
-    plane : Plane or None
-        The mapping plane, in which all of this is; None until there was a pose.
+    path_log : PathLog
+        Where the odometry reported all of them.
     start_pose : Pose or None
         The start frame in the mapping plane; None until a ping was used.
-    frame_id : str
-        The odometry's frame; empty until there was a pose.
     estimate : Estimate or None
         The last finished solve.
-    locate : callable
-        Gives the sensor's place in the robot's base frame by the name of the sensor's frame, such as from TF, in place
-        of `sensor.x_m` and `sensor.y_m`; None as long as it is not known, for which pings wait. It raises `BadPing` at
-        the first question for a frame that it will never know.
     tap : callable
         Is told of every ping that is used, and of the reported pose of the base at its emission.
     placed : callable
         Is told the stamp [ns] of every ping that now has its place in the map.
-    behind : bool
-        `go_on` has left something for the next time.
-    missing_frame : str
-        The frame that the first waiting ping waits for `locate` to know; empty where it does not.
-    resuming : bool
-        A saved state was restored and no pose has come since. It may have been saved under another clock, so pings wait
-        for that pose. Not with ``odometry.on_jump_back: ignore``, which takes the clock for the same.
     """
 
     def __init__(
-        self, parameters: Parameters, recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once,
-        at_most: int | None = None,
+        self, parameters: Parameters, recorded_pulse: RecordedPulse | ArrayLike | None = None,
+        later: Later = at_once, at_most: int | None = None, outline: ArrayLike | None = None,
     ) -> None:
-        self._at_most = at_most
-        self.behind = False
+        if recorded_pulse is not None:
+            parameters = parameters.replaced({'pulse.kind': 'file'})
         self.parameters = parameters
-        self.locate: Callable[[str], Pose | None] = lambda _: Pose(parameters.sensor.x_m, parameters.sensor.y_m)
+        self._outline = known_outline(outline) if parameters.localises else None
         self.tap: Callable[[Ping, Pose], None] = _nobody
         self.placed: Callable[[int], None] = _nobody
-        self._quarter_m2 = (0.5 * parameters.sensor.baseline_m) ** 2
+        self.intake = Intake(parameters, at_most)
         self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
         self.reset()
 
+    def __repr__(self) -> str:
+        return f'PolygonMapper({self.counts.received} pings, {self.counts.used} used, estimate={self.estimate!r})'
+
     def reset(self) -> None:
         """Forget everything; the mapper is as new."""
-        self._track = PoseTrack(self.parameters.odometry)
-        self._queue = PingQueue(self._track, self.parameters.odometry.queue_size)
-        odometry = self.parameters.odometry
-        self._correction = OdometryCorrection(OdometryError(odometry.scale, odometry.yaw_drift_deg_m))
-        self._common = CommonRemoval(
-            self.parameters.front_end.common_pings, self._listener.pulse_s, self._listener.pulse_m)
-        self.beam_map = BeamformingMap(self.parameters.grid)
-        area, step_m = self.parameters.free_area, self.parameters.grid.range_step_m
-        self.free_area = make_free_area(area.model, area.cell_m or 2.0 * step_m, area.missed)
-        self.soundings: list[Sounding] = []
-        self.places = Places()
-        self._thinning = Thinning()
-        self.plane: Plane | None = None
+        self.intake.reset()
+        self._listen(self._listener)
+        self._offsets = Offsets()
+        self._band = EchoBand()
+        self._odometer, self._mount = Odometer(), Pose(0.0, 0.0)
+        self._as_reported = Surroundings.empty(self.parameters)
+        self._corrected: Surroundings | None = None  # at estimated places
+        self._kept = KeptPings() if self._outline is None else NewestPings()
+        self.places, self.path_log = Places(), PathLog()
+        self._solved_at = 0  # pings at the last solve
+        self._restored = False  # and no odometry has come since
         self.start_pose: Pose | None = None
-        self.frame_id = self.missing_frame = ''
         self.estimate: Estimate | None = None
         self._solver = make_solver(self.parameters)  # a twin may be in the middle of a solve
-        self._solving = self.resuming = False
 
     def twin(self) -> 'PolygonMapper':
-        """A copy to be solved, saved or drawn in another thread while this one takes what comes.
+        """Return a copy to be solved, saved or drawn in another thread while this one takes what comes.
 
         It solves with the same solver, so that the next solve starts from its answer; `reset` and `configure` of
         either leave the other alone.
         """
         twin = copy.copy(self)
         twin.tap = twin.placed = _nobody
-        twin._track = self._track.copy()
-        twin._queue, twin._common = self._queue.copy(twin._track), self._common.copy()
-        twin._correction = copy.copy(self._correction)
-        twin.beam_map, twin.free_area = self.beam_map.copy(), self.free_area.copy()
-        twin.soundings, twin._thinning, twin.places = list(self.soundings), self._thinning.copy(), self.places.copy()
+        twin.intake, twin._common = self.intake.copy(), self._common.copy()
+        twin._as_reported, twin._kept = self._as_reported.copy(), self._kept.copy()
+        twin.places, twin.path_log = self.places.copy(), self.path_log.copy()
         return twin
 
     def configure(self, parameters: Parameters) -> None:
-        """Take over changed `solver` parameters; a solve under way is dropped. The others are for a new mapper."""
+        """Take over changed `solver` parameters for solves that begin from now on; others are for a new mapper."""
         self.parameters = parameters
         self._solver = make_solver(parameters)
-        self._solving = False
+
+    @property
+    def plane(self) -> Plane | None:
+        """The mapping plane, in which all of this is; None until there was a pose."""
+        return self.intake.plane
+
+    @property
+    def frame_id(self) -> str:
+        """The odometry's frame; empty until there was a pose."""
+        return self.intake.frame_id
+
+    @property
+    def beam_map(self) -> BeamformingMap:
+        """L_T of eq. (4), of all pings at their reported places."""
+        return self._as_reported.beam_map
+
+    @property
+    def free_area(self) -> FreeArea:
+        """A_T, of the same."""
+        return self._as_reported.free_area
+
+    @property
+    def map_frame(self) -> str:
+        """The frame of estimates: `slam.map_frame`, or where that is empty the odometry's as of the first used ping."""
+        return self.parameters.slam.map_frame or self.frame_id
 
     @property
     def counts(self) -> PingCounts:
         """What became of the pings."""
-        return self._queue.counts
+        return self.intake.counts
 
-    @property
-    def last_drop_texts(self) -> Mapping[str, str]:
-        """Last sentence of each drop reason."""
-        return self._queue.last_texts
-
-    @property
-    def newest_pose_ns(self) -> int | None:
-        """Stamp of the newest pose [ns] that is believed; None while there is none."""
-        return self._track.newest_ns
-
-    @property
-    def outliers(self) -> int:
-        """Poses that were taken, and turned out to be stamped far ahead of their time."""
-        return self._track.outliers
-
-    def add_pose(self, stamp_ns: int, pose: Pose | SpatialPose, frame_id: str = 'odom') -> bool:
-        """Add the pose of the robot's base [ns], in the mapping plane or in space; pings that waited for it are used.
+    def add_pose(
+        self, stamp_ns: int, pose: Pose | SpatialPose | tuple[float, float, float], frame_id: str = 'odom'
+    ) -> bool:
+        """Add the pose of the robot's base [ns], in the mapping plane (x, y, yaw will do) or in space; use what waited.
 
         False, and not taken, if the stamp is not after the newest one, or the frame is not that of the first pose.
         Where poses begin more than `odometry.max_gap_s` before those of a restored state, that was saved under another
         clock: its map stays, its poses and waiting pings are forgotten.
         """
-        if self.frame_id not in ('', frame_id):
-            return False
-        newest_ns = self._track.newest_ns
-        if self.resuming and newest_ns is not None and newest_ns - stamp_ns > 1e9 * self.parameters.odometry.max_gap_s:
-            self._track = self._track.emptied()
-            self._queue.restart(self._track)
-        if not self._track.add(stamp_ns, pose):
-            return False
-        if self.plane is None:
-            kind = self.parameters.odometry.plane
-            self.plane = self._track.plane = Plane.of(kind, pose) if isinstance(pose, SpatialPose) else XY
-        self.frame_id = frame_id
-        self.resuming = self.resuming and self._track.newest_ns == newest_ns
-        if self._queue.due:
-            self.go_on()
-        return True
+        pose = pose if isinstance(pose, Pose | SpatialPose) else Pose.of(pose)
+        newest_ns = self.intake.newest_ns
+        taken = self.intake.add_pose(stamp_ns, pose, frame_id)
+        if taken and self._restored:
+            self._restored = False
+            if newest_ns is not None and abs(stamp_ns - newest_ns) > 1e9 * self.parameters.odometry.max_gap_s:
+                self._kept.resume()
+        if taken and self.intake.due:
+            self._come_up()
+        return taken
 
     def add_ping(self, ping: Ping) -> None:
         """Add a ping; it is used once the odometry brackets its emission, or dropped and counted, never fatal."""
+        if not isinstance(ping, Ping):
+            raise UsageError(f'ping: found {type(ping).__name__}; allowed: a Ping, of the stamp, samples and period_s')
         try:
-            self._listener.check(ping)
-            self.locate(ping.frame_id)
+            listener = self._listener.at(ping.period_s)
+            listener.check(ping)
         except BadPing as bad:
-            self._queue.refuse(bad.reason, str(bad))
-        else:
-            self._queue.put(ping)
-            self.go_on()
+            self.intake.refuse(bad.reason, str(bad))
+            return
+        if listener is not self._listener:
+            self._listen(listener)
+        if self.intake.add_ping(ping):
+            self._come_up()
 
     def drop(self, reason: str, text: str = '') -> None:
         """Count a ping that was received and refused before it became one."""
-        self._queue.refuse(reason, text)
+        self.intake.refuse(reason, text)
 
     def finish(self) -> None:
         """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
-        self._track.finish()
-        self._at_most, self.resuming = None, False
+        self.intake.end()
         self.go_on()
-        self._queue.finish()
-        self._use(self._common.finish())
+        self.intake.drop_waiting()
+        self._hear(self._common.finish())
 
     def go_on(self) -> None:
         """Use the pings that have waited long enough: for odometry, the sensor's place, what was to be done `later`."""
-        self.behind = False
-        if self.resuming:
-            return
-        for number, (ping, base) in enumerate(self._queue.placed(self._ready), 1):
+        for ping, base, sensor in self.intake.placed(self._listener.ready):
             self.tap(ping, base)
-            sensor = self._correction(base).compose(self.locate(ping.frame_id) or Pose(0.0, 0.0))
-            self.start_pose = self.start_pose or sensor
-            self._use(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
-            if number == self._at_most:
-                self.behind = True
-                return
+            self.start_pose, self._mount = self.start_pose or sensor, base.inverse().compose(sensor)
+            self._hear(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
 
-    def _use(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
-        """Pings with the sensor's place in the start frame."""
+    def _come_up(self) -> None:
+        """Go on with what came; a backlog only grows by it, as messages come faster than a backlog is used."""
+        self.intake.place()
+        if not self.intake.behind:
+            self.go_on()
+
+    def _hear(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
+        """Add pings, with the sensor's place in the start frame, to the maps."""
         for ping, place in placed:
-            kept = self._thinning.wants(place.x, place.y)
+            self._band = self._band.taken(ping, self.parameters)
+            self._offsets = self._offsets.taken(ping.samples, self.parameters)
+            base = place.compose(self._mount.inverse())
+            self._odometer = self._odometer.to(base)
+            self.path_log.add(ping.emission_ns, base)
+            kept = self._kept.wants(place)
             echo, envelope, rho, noise, confidence = self._listener.hear(ping, finely=kept)  # eq. (3)
             if kept:
-                self._thinning.add(self.soundings, Sounding(
-                    ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw))
+                self._kept.take(Sounding(
+                    ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw, self._mount,
+                    self._odometer.driven_m, self._odometer.turned_rad2))
             self.places.add(ping.stamp_ns, place.x, place.y)
-            self.beam_map.add(place.x, place.y, envelope)  # eq. (4)
-            # A_T; no wall cuts the ellipse about emitter and receiver, whose smaller half axis this is.
-            clear_m = sqrt(max(rho**2 - self._quarter_m2, 0.0))
-            self.free_area.add(place.x, place.y, clear_m, confidence)
+            self._as_reported.hear(place, envelope, rho, confidence, self.parameters.sensor.baseline_m)
             self.placed(ping.stamp_ns)
 
-    def _ready(self, ping: Ping) -> bool:
-        located = self.locate(ping.frame_id) is not None
-        self.missing_frame = '' if located else ping.frame_id
-        return located and self._listener.ready(ping)
+    def _listen(self, listener: Listener) -> None:
+        self._listener = listener
+        self._common = CommonRemoval(self.parameters.front_end.common_pings, listener.pulse_s, listener.pulse_m)
 
     def signals(self, ping: Ping) -> Signals:
-        """What would be made of a ping now, step by step, to be looked at; `BadPing` if it cannot be used."""
-        self._listener.check(ping)
-        return self._listener.signals(ping, self._common.cleaned(ping))
+        """Return what would be made of a ping now, step by step, to be looked at; `BadPing` if it cannot be used."""
+        listener = self._listener.at(ping.period_s)
+        listener.check(ping)
+        return listener.signals(ping, self._common.cleaned(ping))
 
-    def solve(self) -> Estimate:
-        """Solve from what has been heard so far; the answer is in the odometry's frame."""
-        self.begin_solve()
-        while not self.advance(_SLICE):
-            pass
-        assert self.estimate is not None
-        return self.estimate
+    @property
+    def soundings(self) -> list[Sounding]:
+        """The pings whose echoes are kept, in order of emission as far as they came in time."""
+        return self._kept.soundings
 
     @property
     def evidence(self) -> Evidence:
         """What a solver may look at."""
-        return Evidence(tuple(self.soundings), self.beam_map, self.free_area, self._listener.shape, self.places)
+        outline = None
+        if self._outline is not None:
+            start = self.start_pose or Pose(0.0, 0.0)
+            outline = Outline(start.inverse().apply(self._outline), start)
+        return Evidence(self._kept.all, self.beam_map, self.free_area, self._listener.shape, self.places, outline)
 
-    def begin_solve(self) -> None:
-        """Begin a solve on what has been heard so far."""
-        self._solver.begin(self.evidence)
-        self._solving = True
+    def expect(self, base: Pose, place_m: float, heading_rad: float) -> None:
+        """Look for the robot where somebody says that its base is now, give or take so much, in the map frame.
 
-    def advance(self, iterations: int) -> bool:
-        """Run up to so many iterations; True when the solve is done, or none is under way."""
-        if self._solving and self._solver.advance(iterations):
-            self.estimate = self.preview()
-            self._solving = False
-        return not self._solving
+        Raises
+        ------
+        UsageError
+            Where no map is given, outside of it, and before the first ping.
+        """
+        if self._outline is None or not isinstance(self._solver, LocalisingSolver):
+            raise UsageError('a pose is taken in slam.mode: localization only')
+        if self.start_pose is None or not len(self.path_log.poses):
+            raise UsageError('no ping has come yet, beside which a pose could be said')
+        if not contains_xy(Polygon(self._outline), base.x, base.y):
+            raise UsageError(f'({base.x:.3f}, {base.y:.3f}) m is outside of the map')
+        reported = Pose(*self.path_log.poses[-1].tolist())
+        correction = self.start_pose.inverse().compose(base).compose(reported.inverse())
+        self._solver.expect(Expected(correction, place_m, heading_rad))
 
-    def preview(self) -> Estimate:
-        """What the solve that was begun last would answer if it ended now, in the odometry's frame."""
-        estimate = self._solver.estimate().moved(self.start_pose or Pose(0.0, 0.0))
-        return dataclasses.replace(estimate, cautions=(*estimate.cautions, *self._common.cautions))
+    def solve(self, checkpoint: Checkpoint = unwatched) -> Estimate:
+        """Solve from what has been heard so far and return the answer, in the odometry's frame.
+
+        The checkpoint is called between the steps of the work; what comes meanwhile is for the next solve. Where it
+        raises `Stopped`, that comes out of here, and `estimate` stays as it is.
+        """
+        start = self.start_pose or Pose(0.0, 0.0)
+        found = self._solver.solve(self.evidence, checkpoint).moved(start)
+        self._solved_at, self._corrected = self.counts.used, None
+        if (path := found.trajectory) is not None:
+            self._corrected = self._redrawn(path.moved(start.inverse()))
+            if found.polygon is not None:
+                inside = start.inverse().apply(found.polygon.vertices)
+                found = dataclasses.replace(found, iou_free_area=self._corrected.free_area.region.iou(inside))
+        self._go_by(found)
+        self.estimate = dataclasses.replace(found, cautions=(
+            *found.cautions, *self._common.cautions, *self._offsets.cautions,
+            *self._band.cautions(self._listener.pulse, self.parameters.pulse.frequency_hz)))
+        return self.estimate
+
+    def adopt(self, twin: 'PolygonMapper') -> None:
+        """Take over what a twin has found."""
+        self.estimate, self._corrected, self._solved_at = twin.estimate, twin._corrected, twin._solved_at
+        if self.estimate is not None:
+            self._go_by(self.estimate)
+
+    def _go_by(self, answer: Estimate) -> None:
+        """Go on from estimated poses, or from the reported ones where these explain the echoes."""
+        path = answer.trajectory
+        if path is None:
+            if answer.status == 'closed':
+                self._kept.as_reported()
+            return
+        inside = path.moved((self.start_pose or Pose(0.0, 0.0)).inverse())
+        self._kept.follow(inside)
+        self.path_log.hang(inside, self._delay_ns, (each.stamp_ns for each in self.soundings))
+
+    @property
+    def _delay_ns(self) -> int:
+        """From an emission to the stamp of its ping [ns]."""
+        return round(1e9 * self.parameters.echo.t0_s)
+
+    @property
+    def solve_due(self) -> bool:
+        """Whether a replay has to solve now, so that it meets drift while it can still follow the poses.
+
+        That is before echoes are left away, and as often as the pings double; where poses are estimated, every few
+        pings, so that the next ones are looked for where they are.
+        """
+        solver, used = self.parameters.solver, self.counts.used
+        if self.parameters.localises:
+            return used >= self._solved_at + FOLLOWED
+        if solver.method != 'evidence' or self.parameters.slam.mode == 'off' or used < KEPT_PINGS:
+            return False
+        if self._kept.correction is not None:
+            return used >= self._solved_at + FOLLOWED
+        return used >= max(2 * self._solved_at, KEPT_PINGS)
+
+    @property
+    def surroundings(self) -> Surroundings:
+        """Map, free area and path of all pings; of those whose echoes are kept where their poses were estimated."""
+        return self._corrected or Surroundings(self.beam_map, self.free_area, self.places.positions)
+
+    def driven_since_m(self, stamp_ns: int) -> float:
+        """Return the way by the odometry from the ping of a stamp to the newest one [m]."""
+        last = int(np.searchsorted(self.path_log.stamps_ns, stamp_ns - self._delay_ns))
+        return float(np.sum(np.hypot(*np.diff(self.path_log.poses[last:, :2], axis=0).T)))
+
+    def newest(self) -> tuple[int, Pose] | None:
+        """Return the emission [ns] of the newest ping that has a place, and the base's pose then, in the map frame.
+
+        From the last estimate on it follows the odometry; in a map that is given there is none before the first.
+        """
+        if not len(self.path_log.stamps_ns) or self.start_pose is None:
+            return None
+        if self._outline is not None and self._kept.correction is None:
+            return None
+        correction = self._kept.correction or Pose(0.0, 0.0)
+        base = correction.compose(Pose(*self.path_log.poses[-1].tolist()))
+        return int(self.path_log.stamps_ns[-1]), self.start_pose.compose(base)
+
+    def path(self) -> Path:
+        """Return where the robot's base was at the pings by the last estimate, in its frame."""
+        trajectory, start = self.estimate.trajectory if self.estimate else None, self.start_pose or Pose(0.0, 0.0)
+        inside = trajectory and trajectory.moved(start.inverse())
+        poses, lost = self.path_log.estimated(inside, self._delay_ns)
+        return Path(self.path_log.stamps_ns.copy(), in_frame(poses, start), lost)
+
+    def _redrawn(self, path: Trajectory) -> Surroundings:
+        """Return what the kept pings tell from their estimated places, all in the start frame."""
+        poses, lost = self.path_log.estimated(path, self._delay_ns)
+        mount = np.tile((self._mount.x, self._mount.y, self._mount.yaw), (int(np.sum(~lost)), 1))
+        return redrawn(path, self._kept.all, onward(poses[~lost], mount)[:, :2], self.parameters)
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """All that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
+        """Return all that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
         return packed(self.parameters, {
             'frame': packed_frame(self.frame_id, self.start_pose, self.plane),
-            'soundings': packed_soundings(self.soundings), 'places': self.places.state(),
-            'track': self._track.state(), 'queue': self._queue.state(), 'common': self._common.state(),
-            'odometry': self._correction.state(),
-            'beam_map': self.beam_map.state(), 'free_area': self.free_area.state(),
-        })
+            'soundings': packed_soundings(self._kept.all), 'waiting': {'count': np.array(len(self._kept.waiting))},
+            'offsets': self._offsets.state(), 'band': self._band.state(), 'odometer': self._odometer.state(),
+            'path': self.path_log.state(),
+            'pulse': {'period_s': np.array(self._listener.recorded_period_s)}, **self.intake.parts(),
+            **({'drift': self._solver.state()} if isinstance(self._solver, EvidenceSolver) else {}),
+            **{name: part.state() for name, part in self._parts.items()}})
 
     @classmethod
     def from_state(
         cls, parameters: Parameters, state: Mapping[str, NDArray[np.generic]],
-        recorded_pulse: NDArray[np.float64] | None = None, later: Later = at_once, at_most: int | None = None,
+        recorded_pulse: RecordedPulse | ArrayLike | None = None, later: Later = at_once,
+        at_most: int | None = None,
     ) -> 'PolygonMapper':
         """Continue from what `state` gave.
 
@@ -303,26 +411,38 @@ class PolygonMapper:
             For a state that is damaged, of another version, or taken with other parameters that matter.
         """
         mapper = cls(parameters, recorded_pulse, later, at_most)
-        try:
-            parts = unpacked(parameters, state)
-            mapper.frame_id, mapper.start_pose, mapper.plane = unpacked_frame(parts['frame'])
-            mapper.soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
-            mapper._thinning = Thinning(mapper.soundings)
-            mapper._track.plane = mapper.plane or XY
-            for name, part in (
-                ('places', mapper.places), ('track', mapper._track), ('queue', mapper._queue),
-                ('common', mapper._common), ('odometry', mapper._correction), ('beam_map', mapper.beam_map),
-                ('free_area', mapper.free_area),
-            ):
+        with damage_told():
+            parts = unpacked(mapper.parameters, state)
+            if 'band' in parts:
+                mapper._band = EchoBand.restored(parts['band'])
+            if 'odometer' in parts:
+                mapper._odometer = Odometer.restored(parts['odometer'])
+            if 'drift' in parts and isinstance(mapper._solver, EvidenceSolver):
+                mapper._solver.restore(parts['drift'])
+            if 'path' in parts:
+                mapper.path_log.restore(parts['path'])
+            if 'pulse' in parts:
+                mapper._listen(mapper._listener.at(float(parts['pulse']['period_s'])))
+            if 'offsets' in parts:
+                mapper._offsets = Offsets.restored(parts['offsets'])
+            frame_id, mapper.start_pose, plane = unpacked_frame(parts['frame'])
+            soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
+            waiting = whole_number(parts['waiting']['count']) if 'waiting' in parts else 0
+            chosen = max(len(soundings) - waiting, 0)
+            mapper._kept = KeptPings(soundings[:chosen], soundings[chosen:])
+            mapper.intake.restore(parts, frame_id, plane)
+            for name, part in mapper._parts.items():
                 part.restore(parts[name])
-            for ping in (*mapper._queue.pings, *mapper._common.pings):
+            for ping in (*mapper.intake.waiting, *mapper._common.pings):
                 mapper._listener.check(ping)
-        except KeyError as error:
-            raise StateError(f'the state holds no {error.args[0]}') from error
-        except (BadPing, ValueError, TypeError, IndexError, OverflowError) as error:
-            raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
-        mapper.resuming = parameters.odometry.on_jump_back == 'reset'
+        mapper.intake.resuming = parameters.odometry.on_jump_back == 'reset'
+        mapper._restored = True
         return mapper
+
+    @property
+    def _parts(self) -> dict[str, Places | CommonRemoval | BeamformingMap | FreeArea]:
+        """What takes over what it saved."""
+        return {'places': self.places, 'common': self._common, 'beam_map': self.beam_map, 'free_area': self.free_area}
 
 
 def _nobody(*_: object) -> None:

@@ -1,20 +1,19 @@
 """A mapper's state as one flat table of arrays, and the check that it may be continued."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.errors import StateError
-from polymap_ros.mapping.plane import Plane, SpatialPose
-from polymap_ros.mapping.pose import FARTHEST_M, Pose
+from polymap_ros.errors import BadPing, StateError
+from polymap_ros.geometry.plane import Plane, SpatialPose
+from polymap_ros.geometry.pose import FARTHEST_M, Pose
+from polymap_ros.packing import whole_number
 from polymap_ros.parameters import Parameters
 
-VERSION = 3
-
-_MOST = 2**62
-"""What goes on from a number up to this still has 64 bits, stamps [ns] for another hundred years."""
+VERSION, READ = 4, (3, 4)
+"""What is written, and what is read: version 3 (0.1) knows neither mount nor way driven."""
 
 MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'free_area.', 'echo.kind', 'echo.t0_s',
              'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')
@@ -38,8 +37,8 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
     StateError
         If the version is unknown or a parameter that matters has changed.
     """
-    if whole_number(state['version']) != VERSION:
-        raise StateError(f'the state has version {state["version"]}; allowed: {VERSION}')
+    if whole_number(state['version']) not in READ:
+        raise StateError(f'the state has version {state["version"]}; allowed: {READ[0]} to {READ[-1]}')
     then, now = dict(state['parameters'].tolist()), _mattering(parameters)
     for name in sorted(then.keys() | now.keys()):
         if then.get(name) != now.get(name):
@@ -52,12 +51,15 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
     return parts
 
 
-def whole_number(value: Any, least: int = 0) -> int:
-    """A number that can be counted to, of an array's one element; `StateError` for any other."""
-    number = np.asarray(value)
-    if number.shape != () or number.dtype.kind not in 'iu' or not least <= int(number) <= _MOST:
-        raise StateError(f'{number!r} is not a whole number from {least} to {_MOST}')
-    return int(number)
+@contextmanager
+def damage_told() -> Iterator[None]:
+    """Turn what a damaged state raises where it is taken over into a `StateError`."""
+    try:
+        yield
+    except KeyError as error:
+        raise StateError(f'the state holds no {error.args[0]}') from error
+    except (BadPing, ValueError, TypeError, IndexError, OverflowError) as error:
+        raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
 
 
 def packed_frame(frame_id: str, start: Pose | None, plane: Plane | None) -> Part:

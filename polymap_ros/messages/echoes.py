@@ -6,13 +6,14 @@ sense is for the mapper to say.
 """
 
 from collections.abc import Callable
-from math import isfinite
+from math import isfinite, isinf, isnan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.acoustics.units import likely_unit
 from polymap_ros.errors import BadPing
 from polymap_ros.messages.fields import field_of, laid_out, numbers_of
 from polymap_ros.parameters import EchoParameters
@@ -67,16 +68,22 @@ def _from_laser_scan(message: Any, echo: EchoParameters, arrival_ns: int) -> Pin
     if len(message.ranges):
         raise BadPing('wrong_type', f'echo has {len(message.ranges)} ranges: that is a lidar scan; an A-scan has '
                                     'its samples in intensities and leaves ranges empty')
-    limits = float(message.range_min), float(message.range_max)
-    if not all(isfinite(limit) and limit >= 0.0 for limit in limits) or 0.0 < limits[1] <= limits[0]:
+    limits = _limit(message.range_min), _limit(message.range_max)
+    if not all(limit >= 0.0 for limit in limits) or isinf(limits[0]) or 0.0 < limits[1] <= limits[0]:
         raise BadPing('bad_shape', f'range_min {limits[0]:g} m and range_max {limits[1]:g} m; allowed: '
-                                   '0 <= range_min < range_max, 0 where unset')
+                                   '0 <= range_min < range_max, 0 or nan where unset, range_max inf for no limit')
     return Ping(
         stamp_ns=stamp_to_ns(message.header.stamp),
         samples=_samples(np.asarray(message.intensities, dtype=np.float32)),
         period_s=_period(float(message.time_increment), 'time_increment', echo),
-        t0_s=echo.t0_s, range_min_m=limits[0], range_max_m=limits[1], frame_id=message.header.frame_id,
+        t0_s=echo.t0_s, range_min_m=limits[0],
+        range_max_m=limits[1] if isfinite(limits[1]) else 0.0, frame_id=message.header.frame_id,
     )
+
+
+def _limit(value: Any) -> float:
+    """A limit of range [m]; 0 for unset, which drivers write as nan, too."""
+    return 0.0 if isnan(value) else float(value)
 
 
 def _from_point_cloud(message: Any, echo: EchoParameters, arrival_ns: int) -> Ping:
@@ -180,7 +187,7 @@ def _period(found_s: float, where: str, echo: EchoParameters) -> float:
     given_s = echo.sample_period_s
     if given_s and abs(found_s - given_s) > PERIOD_TOLERANCE * given_s:
         raise BadPing('bad_shape', f'{where} gives a sample period of {found_s:g} s, '
-                                   f'echo.sample_period_s {given_s:g} s')
+                                   f'echo.sample_period_s {given_s:g} s{likely_unit(found_s, given_s)}')
     return given_s or found_s
 
 

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.mapping.estimate import Edge, Estimate
+from polymap_ros.geometry.plane import XY, Plane
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.plane import XY, Plane
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.messages.outputs import Make, header, point_messages, pose_message
+from polymap_ros.messages.shown import shown
+from polymap_ros.solvers.estimate import Edge, Estimate
 
 ADD, DELETE_ALL = 0, 3
 LINE_STRIP, LINE_LIST, TEXT = 4, 5, 9
@@ -73,12 +74,15 @@ class Drawing:
 
 def drawing_of(mapper: PolygonMapper) -> Drawing:
     """What a mapper has to show now, moved from its start frame to the mapping plane's."""
-    start = mapper.start_pose or Pose(0.0, 0.0)
-    path = mapper.places.positions
+    frame = shown(mapper)
+    start = frame.of_map.compose(mapper.start_pose or Pose(0.0, 0.0))
+    heard = mapper.surroundings
+    path = heard.positions
     path = path[::max(1, -(-len(path) // MAX_PATH_POINTS))]
-    boundary = mapper.free_area.shape.boundary.simplify(0.5 * mapper.parameters.grid.range_step_m)
+    boundary = heard.free_area.shape.boundary.simplify(0.5 * mapper.parameters.grid.range_step_m)
     rings = [np.asarray(ring.coords) for ring in getattr(boundary, 'geoms', [boundary]) if not ring.is_empty]
-    return Drawing(mapper.frame_id, mapper.estimate, [start.apply(ring) for ring in rings], start.apply(path),
+    estimate = mapper.estimate and mapper.estimate.moved(frame.of_map)
+    return Drawing(frame.frame_id, estimate, [start.apply(ring) for ring in rings], start.apply(path),
                    mapper.plane or XY)
 
 

@@ -5,8 +5,8 @@ import struct
 from typing import Any, NamedTuple
 
 from polymap_ros.errors import BadOdometry
-from polymap_ros.mapping.plane import SpatialPose
-from polymap_ros.mapping.pose import FARTHEST_M
+from polymap_ros.geometry.plane import SpatialPose
+from polymap_ros.geometry.pose import FARTHEST_M
 from polymap_ros.messages.echoes import stamp_to_ns
 
 NORM_TOLERANCE = 0.1

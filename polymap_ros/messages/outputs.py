@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.plane import XY, Plane
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.plane import XY, Plane
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.solvers.estimate import Candidate
 
 
 class Make(Protocol):
@@ -79,6 +81,58 @@ def polygon_message(make: Make, stamp_ns: int, frame_id: str, vertices: ArrayLik
     points = point_messages(make, vertices, plane, 'geometry_msgs/msg/Point32')
     return make('geometry_msgs/msg/PolygonStamped', header=header(make, stamp_ns, frame_id),
                 polygon=make('geometry_msgs/msg/Polygon', points=points))
+
+
+def path_message(
+    make: Make, stamp_ns: int, frame_id: str, stamps_ns: NDArray[np.int64], poses: NDArray[np.float64],
+    plane: Plane = XY,
+) -> Any:
+    """nav_msgs/msg/Path of poses (n, 3) in the mapping plane, each with its stamp."""
+    return make('nav_msgs/msg/Path', header=header(make, stamp_ns, frame_id), poses=[
+        make('geometry_msgs/msg/PoseStamped', header=header(make, each_ns, frame_id),
+             pose=pose_message(make, Pose(*pose), plane))
+        for each_ns, pose in zip(stamps_ns.tolist(), poses.tolist(), strict=True)])
+
+
+def pose_with_covariance_message(
+    make: Make, stamp_ns: int, frame_id: str, pose: Any, covariance: NDArray[np.float64]
+) -> Any:
+    """geometry_msgs/msg/PoseWithCovarianceStamped of a pose message and the covariance (3, 3) of x, y and yaw."""
+    whole = np.zeros((6, 6))
+    whole[np.ix_((0, 1, 5), (0, 1, 5))] = covariance
+    return make('geometry_msgs/msg/PoseWithCovarianceStamped', header=header(make, stamp_ns, frame_id), pose=make(
+        'geometry_msgs/msg/PoseWithCovariance', pose=pose, covariance=whole.ravel()))
+
+
+def transform_message(make: Make, stamp_ns: int, frame_id: str, child_frame_id: str, pose: Pose) -> Any:
+    """geometry_msgs/msg/TransformStamped: the child's pose in a frame, in the plane."""
+    return make(
+        'geometry_msgs/msg/TransformStamped', header=header(make, stamp_ns, frame_id), child_frame_id=child_frame_id,
+        transform=make(
+            'geometry_msgs/msg/Transform',
+            translation=make('geometry_msgs/msg/Vector3', x=pose.x, y=pose.y, z=0.0),
+            rotation=make('geometry_msgs/msg/Quaternion', x=0.0, y=0.0, z=float(np.sin(0.5 * pose.yaw)),
+                          w=float(np.cos(0.5 * pose.yaw)))))
+
+
+def coarse_polygon(polygon: Candidate, plane: Plane = XY) -> Caution | None:
+    """Say that a Point32 cannot hold the corners to a tenth of the walls' deviations, where that is so."""
+    corners = np.asarray(plane.points(polygon.vertices), dtype=float)
+    lost_m = float(np.abs(corners - corners.astype(np.float32)).max())
+    here = Pose(*(-polygon.vertices.mean(axis=0)).tolist())  # deviations of r as seen from afar say nothing
+    deviations = [edge.moved(here).r_std or _UNKNOWN_M for edge in polygon.edges]
+    if lost_m <= max(0.1 * min(deviations), _NEVER_TOLD_M):
+        return None
+    lost = f'{1e3 * lost_m:.2g}' if lost_m < 0.01 else f'{1e3 * lost_m:.0f}'
+    return Caution('coarse_polygon', f'corners up to {np.abs(corners).max():.7g} m from the origin are rounded by up '
+                                     f'to {lost} mm in ~/polygon, whose points have 32 bits')
+
+
+_UNKNOWN_M = 1e-3
+"""Where a method gives no deviation."""
+
+_NEVER_TOLD_M = 1e-5
+"""No robot drives by a hundredth of a millimetre."""
 
 
 def beam_map_message(make: Make, stamp_ns: int, frame_id: str, values: NDArray[np.floating]) -> Any:

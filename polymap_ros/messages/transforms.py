@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
-from polymap_ros.mapping.plane import SpatialPose, Vector
+from polymap_ros.geometry.plane import SpatialPose, Vector
 
 
 class StaticTransforms:

@@ -1,7 +1,6 @@
 """The node's ROS parameters: declared, described and changed from the one source, `polymap_ros.parameters`."""
 
 import dataclasses
-import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
@@ -14,8 +13,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from polymap_ros.errors import ParameterError, UsageError
+from polymap_ros.names import for_many, for_node, misplaced, stray
 from polymap_ros.parameters import Parameters, specifications
-from polymap_ros.plain_yaml import read_small, read_yaml
+from polymap_ros.plain_yaml import read_parameter_yaml, read_small
 from polymap_ros.specification import Specification, Value
 
 SPECIFICATIONS = {spec.name: spec for spec in specifications()}
@@ -38,7 +38,7 @@ def declare(node: Node, arguments: Sequence[str]) -> Parameters:
     Raises
     ------
     ParameterError
-        For an unknown name below one of our groups, unless it was given for all nodes (``/**``), a wrong type
+        For an unknown name below one of our groups, unless it was given for all nodes (``/**``, ``/*``), a wrong type
         or a value that is not allowed.
     UsageError
         For a parameter file that holds something else.
@@ -46,10 +46,18 @@ def declare(node: Node, arguments: Sequence[str]) -> Parameters:
     given = _taken_overrides(node)
     files, full_name = list(_parameter_files(arguments)), node.get_fully_qualified_name()
     for path, keys in files:
-        if keys and not any(_matches(key, full_name) for key in keys):
+        if keys and not any(for_node(key, full_name) for key in keys):
             node.get_logger().warning(f'parameter file {path}: nothing in it is for this node, {full_name}; it is for '
                                       f'{", ".join(keys)}. /**: is for all nodes')
     spared = _for_other_nodes(files, arguments, full_name)
+    for name in given:
+        if name in GROUPS:
+            text = misplaced(name, given[name])
+            if name not in spared:
+                raise UsageError(text)
+            node.get_logger().warning(text)
+        elif (name.partition('.')[0] not in GROUPS or name in spared) and (text := stray(name, list(SPECIFICATIONS))):
+            node.get_logger().warning(text)
     values = {name: value for name, value in given.items()
               if name.partition('.')[0] in GROUPS and (name in SPECIFICATIONS or name not in spared)}
     parameters = dataclasses.replace(Parameters().replaced(values), folder=_folder(files))
@@ -142,7 +150,7 @@ def _parameter_files(arguments: Sequence[str]) -> Iterator[tuple[Path, dict[str,
     for flag, value in pairwise(arguments):
         if flag == '--params-file':
             try:
-                tree = read_yaml(read_small(Path(value))) or {}
+                tree = read_parameter_yaml(read_small(Path(value))) or {}
             except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
                 raise UsageError(f'parameter file {value}: cannot be read: {" ".join(str(error).split())}') from error
             if not isinstance(tree, Mapping):
@@ -170,22 +178,15 @@ def _names(tree: Mapping[str, Any], prefix: str = '') -> Iterator[str]:
 def _for_other_nodes(
     files: Sequence[tuple[Path, dict[str, set[str]]]], arguments: Sequence[str], full_name: str
 ) -> set[str]:
-    """Names given to all nodes in files (``/**``) and not to this one by itself."""
+    """Names given to nodes of any name in files (``/**``, ``/*``) and not to this one by itself."""
     shared: set[str] = set()
     own = {value.partition(':=')[0].rpartition(':')[2]
            for flag, value in pairwise(arguments) if flag in ('-p', '--param')}
     for _, keys in files:
         for key, names in keys.items():
-            if _matches(key, full_name):
-                (shared if key == '/**' else own).update(names)
+            if for_node(key, full_name):
+                (shared if for_many(key) else own).update(names)
     return shared - own
-
-
-def _matches(key: str, full_name: str) -> bool:
-    """Whether a key of a parameter file is for a node: ``*`` stands for one name, ``**`` for any number of them."""
-    parts = ('(/[^/]+)*' if part == '**' else '/' + re.escape(part).replace(r'\*', '[^/]*')
-             for part in key.strip('/').split('/'))
-    return re.fullmatch(''.join(parts), full_name) is not None
 
 
 def _folder(files: Sequence[tuple[Path, dict[str, set[str]]]]) -> Path:

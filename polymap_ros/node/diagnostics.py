@@ -2,34 +2,33 @@
 
 import re
 import time
-from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
-from std_msgs.msg import Header
 
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.messages.markers import summary
+from polymap_ros.messages.diagnostics import ERROR, OK, Figures, InputFigures, Watch, diagnostic_message
+from polymap_ros.node.factory import make
 from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.qos import no_events
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.solving import SolveLoop
+from polymap_ros.node.starting import Starting
 from polymap_ros.node.stopwatch import Stopwatch
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+TOLD = 'odometry is refused', 'incompatible QoS'
+"""What the log has from the place where it happens, and so it has the problems."""
 
 REPEAT_S = 60.0
 """The same kind of sentence is not logged again before this time."""
 
-HOLD_S = 5.0
-"""What happened within this time is still told, so that rare events do not make the state flicker."""
-
 
 @dataclass
-class Parts:
+class Diagnosed:
     """What is looked at."""
 
     odometry: Input
@@ -39,121 +38,43 @@ class Parts:
     solving: SolveLoop
     saver: Saver
     stopwatch: Stopwatch
+    start: Starting
 
 
 class Diagnostics:
     """Publishes `/diagnostics` and logs its warnings when they change."""
 
-    def __init__(self, node: Node, parts: Parts) -> None:
+    def __init__(self, node: Node, parts: Diagnosed) -> None:
         self._node = node
         self._parts = parts
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10, event_callbacks=no_events())
-        self._then_s = time.monotonic()
-        self._before = Counter[str]()
-        self._recent = deque[tuple[float, Counter[str]]]()
+        self._watch = Watch(time.monotonic())
         self._told_s: dict[str, float] = {}
 
     def publish(self) -> None:
         """Look, publish and log; called once a second."""
-        now_s = time.monotonic()
-        counts = self._counts()
-        new = counts - self._before
-        elapsed_s = max(now_s - self._then_s, 1e-6)
-        rates = {name: new[name] / elapsed_s for name in ('odometry', 'echoes')}
-        self._then_s, self._before = now_s, counts
-        self._recent.append((now_s, new))
-        while self._recent[0][0] <= now_s - HOLD_S:
-            self._recent.popleft()
-        findings = list(self._findings(sum((each for _, each in self._recent), Counter[str]())))
-        level = max((level for level, _ in findings), default=OK)
-        sentence = '; '.join(text for found, text in findings if found == level)
-        values = self._values(rates)
-        self._publisher.publish(DiagnosticArray(
-            header=Header(stamp=self._node.get_clock().now().to_msg()),
-            status=[DiagnosticStatus(
-                level=level, name=f'{self._node.get_fully_qualified_name().lstrip("/")}: polygon mapping',
-                message=sentence, hardware_id='',
-                values=[KeyValue(key=key, value=value) for key, value in values.items()],
-            )],
-        ))
-        for found, text in findings:
-            if found != OK:
-                self._log(found, text, now_s)
+        now_s, stamp_ns = time.monotonic(), self._node.get_clock().now().nanoseconds
+        figures = self._figures(self._timings())
+        state = self._watch.look(now_s, figures)
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        self._publisher.publish(diagnostic_message(make, stamp_ns, name, state))
+        for level, text in state.findings:
+            if level != OK and text not in figures.problems and not text.startswith(TOLD):
+                self._log(level, text, now_s)
 
     def begin_anew(self) -> None:
         """The map is reset, and what it counted with it."""
-        self._before = self._counts()
-        self._recent.clear()
+        self._watch.begin_anew(self._figures())
 
-    def _counts(self) -> Counter[str]:
+    def _figures(self, timings: Mapping[str, str] = MappingProxyType({})) -> Figures:
+        parts, solving = self._parts, self._parts.solving
+        return Figures(_figures_of(parts.odometry), _figures_of(parts.echoes), parts.mapper, solving.paused,
+                       solving.behind, solving.pace(), (solving.problem, parts.saver.problem), timings,
+                       parts.start.state)
+
+    def _timings(self) -> dict[str, str]:
         parts = self._parts
-        counts = Counter({f'dropped {reason}': n for reason, n in parts.mapper.counts.dropped.items()})
-        counts.update({
-            'odometry': parts.odometry.received, 'echoes': parts.echoes.received, 'used': parts.mapper.counts.used,
-            'behind': parts.solving.behind,
-            'odometry refused': parts.odometry.refused,
-            'odometry lost': parts.odometry.lost, 'echoes lost': parts.echoes.lost,
-        })
-        return counts
-
-    def _findings(self, new: Counter[str]) -> Iterator[tuple[bytes, str]]:
-        """State and reason, most basic first; `new` holds what was counted in the last `HOLD_S`."""
-        parts = self._parts
-        if parts.solving.paused:
-            yield OK, 'paused'
-            return
-        for each in (parts.odometry, parts.echoes):
-            if each.silent:
-                reason = each.reason()
-                yield (ERROR if reason.startswith(('wrong type', 'incompatible')) else WARN), reason
-        for each, name in ((parts.odometry, 'odometry lost'), (parts.echoes, 'echoes lost')):
-            if new[name]:
-                yield WARN, (f'messages lost on {each.topic}: {new[name]} in the last {HOLD_S:g} s; is the machine '
-                             f'too busy, or qos_overrides.{each.topic}.subscription.depth too small?')
-        if new['odometry'] and new['odometry refused'] >= new['odometry']:
-            yield ERROR, f'odometry is refused: {parts.odometry.refusal}'
-        yield from self._drops(new)
-        counts = parts.mapper.counts
-        missing = parts.mapper.missing_frame
-        if counts.waiting and missing:
-            yield WARN, f'{counts.waiting} pings wait for TF to connect their frame {missing!r} to the odometry\'s ' \
-                        'child_frame_id (sensor.from_tf)'
-        elif counts.waiting and new['echoes'] and not new['used'] and not parts.odometry.silent:
-            yield WARN, f'{counts.waiting} pings wait for odometry: is it late, or are the clocks of the two apart?'
-        if new['behind']:
-            yield WARN, f'the solver is behind: {parts.solving.pace()}'
-        for problem in (parts.solving.problem, parts.saver.problem):
-            if problem:
-                yield ERROR, problem
-        estimate = parts.mapper.estimate
-        if estimate is not None and estimate.status != 'closed':
-            yield WARN, f'no polygon: {"; ".join(each.text for each in estimate.cautions) or estimate.status}'
-        elif estimate is not None:
-            for caution in estimate.cautions:
-                yield WARN, caution.text
-        first = estimate is None and counts.used > 0
-        yield OK, f'{counts.used} pings; the first solve is to come' if first else summary(estimate)
-
-    def _drops(self, new: Counter[str]) -> Iterator[tuple[bytes, str]]:
-        texts = self._parts.mapper.last_drop_texts
-        for name, count in new.items():
-            kind, _, reason = name.partition(' ')
-            if kind == 'dropped' and count > 0 and reason != 'paused':
-                level = WARN if new['used'] else ERROR
-                yield level, f'pings dropped, {reason}: {texts.get(reason) or "see the counters"}'
-
-    def _values(self, rates: dict[str, float]) -> dict[str, str]:
-        parts = self._parts
-        counts, estimate = parts.mapper.counts, parts.mapper.estimate
-        values = {
-            'odometry rate [Hz]': f'{rates["odometry"]:.1f}', 'echo rate [Hz]': f'{rates["echoes"]:.1f}',
-            'odometry received': str(parts.odometry.received),
-            'odometry refused': str(parts.odometry.refused), 'odometry lost': str(parts.odometry.lost),
-            'echoes received': str(parts.echoes.received), 'echoes lost': str(parts.echoes.lost),
-            'publishers with incompatible QoS': str(parts.odometry.incompatible + parts.echoes.incompatible),
-            'pings received': str(counts.received), 'pings used': str(counts.used),
-            'pings waiting': str(counts.waiting),
-            **{f'pings dropped: {reason}': str(n) for reason, n in sorted(counts.dropped.items())},
+        return {
             'latency p50 [ms]': f'{1e3 * parts.latency.percentile_s(50):.1f}',
             'latency p99 [ms]': f'{1e3 * parts.latency.percentile_s(99):.1f}',
             'solve time [s]': f'{parts.solving.solve_s:.3f}',
@@ -162,16 +83,8 @@ class Diagnostics:
             'longest callback': parts.stopwatch.longest,
             'saved': parts.saver.saved,
         }
-        if estimate is not None:
-            values |= {
-                'status': estimate.status, 'method': estimate.method,
-                'edges': str(len(estimate.polygon.edges) if estimate.polygon else 0),
-                'cost': '' if estimate.cost is None else f'{estimate.cost:.6g}',
-                'IoU with free area': '' if estimate.iou_free_area is None else f'{estimate.iou_free_area:.4f}',
-            }
-        return values
 
-    def _log(self, level: bytes, text: str, now_s: float) -> None:
+    def _log(self, level: int, text: str, now_s: float) -> None:
         kind = re.sub(r'\b\d+(\.\d+)?\b', '', text.partition(':')[0])
         if now_s - self._told_s.get(kind, -REPEAT_S) >= REPEAT_S:
             self._told_s[kind] = now_s
@@ -180,3 +93,7 @@ class Diagnostics:
             else:
                 self._node.get_logger().warning(text)
 
+
+def _figures_of(each: Input) -> InputFigures:
+    return InputFigures(each.topic, each.received, each.refused, each.lost, each.incompatible, each.refusal,
+                        each.reason() if each.silent else '')

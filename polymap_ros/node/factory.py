@@ -48,10 +48,13 @@ def make(type_name: str, /, **fields: Any) -> Any:
     """Build a message; numpy arrays become arrays of the field's type, which rclpy takes without a copy per number."""
     cls = message_class(type_name)
     types = cls.get_fields_and_field_types()
-    return cls(**{
-        name: _sequence(value) if isinstance(value, np.ndarray) and types[name].startswith('sequence') else value
-        for name, value in fields.items()
-    })
+    return cls(**{name: _native(value, types[name]) for name, value in fields.items()})
+
+
+def _native(value: Any, kind: str) -> Any:
+    if isinstance(value, np.ndarray) and kind.startswith('sequence'):
+        return _sequence(value)
+    return bytes([value]) if kind == 'octet' else value
 
 
 def _sequence(values: np.ndarray[Any, Any]) -> 'array.array[Any]':

@@ -11,12 +11,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSCompatibility, qos_check_compatible, qos_policy_name_from_kind
 
 from polymap_ros.errors import ParameterError, UsageError
+from polymap_ros.messages.diagnostics import SILENCE_S
 from polymap_ros.node.factory import message_class
 from polymap_ros.node.qos import overridable, sensor_input
 from polymap_ros.node.stopwatch import Stopwatch
-
-SILENCE_S = 5.0
-"""After this time without a message, the reason is looked for and told."""
 
 
 class Input:

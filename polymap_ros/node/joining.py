@@ -11,6 +11,10 @@ from rclpy.logging import LoggingSeverity
 
 from polymap_ros.errors import UsageError
 
+_NOTHING_THERE = ('a key with nothing after or below it: indent its parameters below it, or write such as '
+                  'solver: {method: paper}')
+"""What most likely is wrong where rcl finds no value."""
+
 
 def init(name: str, arguments: Sequence[str], **options: Any) -> None:
     """rclpy's `init` for a command line.
@@ -34,6 +38,7 @@ def refusals_told() -> Iterator[None]:
     except UnknownROSArgsError as error:
         raise UsageError(f'unknown ROS arguments: {error}') from error
     except (RCLError, RCLInvalidROSArgsError) as error:
-        raise UsageError(str(error).partition(', at ')[0]) from error
+        told = str(error).partition(', at ')[0]
+        raise UsageError(f'{told}; {_NOTHING_THERE}' if 'No value at line' in told else told) from error
     except ParameterException as error:  # such as use_sim_time:=5
         raise UsageError(str(error)) from error

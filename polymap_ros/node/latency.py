@@ -5,22 +5,13 @@ from collections import deque
 
 import numpy as np
 
-from polymap_ros.mapping.mapper import PolygonMapper
-
 KEPT = 1000
 
 
 class Latency:
-    """Latencies of the newest pings.
+    """Latencies of the newest pings."""
 
-    Parameters
-    ----------
-    mapper : PolygonMapper
-        Takes the pings; it tells which it has placed.
-    """
-
-    def __init__(self, mapper: PolygonMapper) -> None:
-        mapper.placed = self._placed
+    def __init__(self) -> None:
         self._arrivals: dict[int, int] = {}
         self._latencies_s: deque[float] = deque(maxlen=KEPT)
 
@@ -30,7 +21,8 @@ class Latency:
             del self._arrivals[next(iter(self._arrivals))]
         self._arrivals[stamp_ns] = received_ns
 
-    def _placed(self, stamp_ns: int) -> None:
+    def placed(self, stamp_ns: int) -> None:
+        """Tell of a ping that has its place in the map."""
         received_ns = self._arrivals.pop(stamp_ns, None)
         if received_ns is not None:
             self._latencies_s.append(1e-9 * (time.time_ns() - received_ns))

@@ -1,7 +1,7 @@
 """The live mapping node: a thin leaf over `PolygonMapper`."""
 
+import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -10,33 +10,37 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
 from polymap_ros.errors import BadOdometry, BadPing, UsageError
+from polymap_ros.geometry.plane import SpatialPose
 from polymap_ros.jit import when_compiling
-from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.plane import SpatialPose
-from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import check_echo_fields
 from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.node.background import Background
 from polymap_ros.node.declaration import LiveParameters, declare
-from polymap_ros.node.diagnostics import Diagnostics, Parts
+from polymap_ros.node.diagnostics import Diagnosed, Diagnostics
 from polymap_ros.node.factory import fields_of
+from polymap_ros.node.initial_pose import InitialPose
 from polymap_ros.node.inputs import Input
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.later import Later
+from polymap_ros.node.map_frame import MapFrame
 from polymap_ros.node.publishers import Outputs
 from polymap_ros.node.saving import Saver
 from polymap_ros.node.sensor_frame import SensorFrame
 from polymap_ros.node.solving import SolveLoop
+from polymap_ros.node.starting import Starting
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import NODE_NAME, Parameters
 from polymap_ros.pulse_file import read_pulse
-from polymap_ros.results.arrays import naming, read_state
+from polymap_ros.results.loading import loaded_mapper
 
 CHORES_S = 1.0
 HEARTBEAT_S = 10.0
-PINGS_AT_ONCE = 4
+PINGS_AT_ONCE = 2
 """Pings that have waited are used so many at a time, so that what comes meanwhile does not wait for all of them."""
+
+CATCH_UP_S = 0.01
+"""Pause before the first of them that a message left."""
 
 
 class PolymapNode(Node):  # type: ignore[misc]
@@ -54,7 +58,7 @@ class PolymapNode(Node):  # type: ignore[misc]
     ParameterError
         For parameters that are not allowed.
     StateError
-        For a saved state that cannot be continued.
+        For a saved state that cannot be continued, or a map in which no robot can be localised.
     """
 
     def __init__(self, arguments: Sequence[str]) -> None:
@@ -63,41 +67,43 @@ class PolymapNode(Node):  # type: ignore[misc]
         check_echo_fields(parameters.echo, fields_of)
         self._log_parameters(parameters)
         pulse = read_pulse(parameters)
-        when_compiling(self.get_logger().info)
-        warm_up(parameters, pulse)
         self._stopwatch = Stopwatch()
         self._later = Later(self, self._stopwatch)
         self._background = Background(self._later, self._go_on)
-        if path := parameters.output.load_path:
-            state = read_state(Path(path))
-            with naming(path):
-                self._mapper = PolygonMapper.from_state(parameters, state, pulse, self._background, PINGS_AT_ONCE)
-        else:
-            self._mapper = PolygonMapper(parameters, pulse, self._background, PINGS_AT_ONCE)
+        self._mapper = loaded_mapper(parameters, pulse, self._background, PINGS_AT_ONCE)
         self._sensor_frame = SensorFrame(self) if parameters.sensor.from_tf else None
         if self._sensor_frame is not None:
-            self._mapper.locate = self._sensor_frame
-        self._latency = Latency(self._mapper)
+            self._mapper.intake.locate = self._sensor_frame
+        self._latency = Latency()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._live = LiveParameters(self, parameters, self._apply)
         watch = self._stopwatch
+        self._map_frame = MapFrame(self, self._mapper, steady, watch)
+        self._mapper.placed = self._placed
         self._outputs = Outputs(self, self._mapper, self._later, lambda: self._live.current)
         self._solving = SolveLoop(
-            self, self._mapper, steady, self._later, watch, self._outputs.drawn, self._outputs.publish)
+            self, self._mapper, steady, self._later, watch, self._outputs.drawn, self._show)
         self._solving.set_period(parameters.solver.period_s)
         self._saver = Saver(self, self._mapper, lambda: self._live.current, watch)
+        self._mapper.intake.held = True
         self._watch_clock()
         if self.resolve_topic_name('odom') == (echo := self.resolve_topic_name('echo')):
             raise UsageError(f'odom and echo are both remapped to {echo}, and a topic has one type')
         self._odometry = Input(self, 'odom', 'nav_msgs/msg/Odometry', self._take_odometry, watch)
         self._echoes = Input(self, 'echo', parameters.echo.type, self._take_echo, watch)
-        parts = Parts(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver, watch)
+        self._initial_pose = InitialPose(self, self._mapper) if parameters.localises else None
+        self._start = Starting(self, parameters, pulse, self._later, self._go)
+        parts = Diagnosed(self._odometry, self._echoes, self._mapper, self._latency, self._solving, self._saver, watch,
+                      self._start)
         self._diagnostics = Diagnostics(self, parts)
         self._chores_done = 0
         self._back: tuple[int, str, SpatialPose] | None = None  # odometry that alone says that time went back
         self.create_timer(CHORES_S, self._do_chores, clock=steady)
+        self._catch_up = self.create_timer(CATCH_UP_S, watch.timed('catching up', self._go_on), clock=steady)
+        self._catch_up.cancel()
         self._offer_services()
-        self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
+        self._later('diagnostics', self._diagnostics.publish)
+        self._start.begin()
 
     def reset(self) -> None:
         """Forget the map and clear what is latched."""
@@ -106,10 +112,28 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._solving.drop()
         self._saver.begin_anew()
         self._diagnostics.begin_anew()
-        self._outputs.clear(frame_id)
+        self._map_frame.reset()
+        self._outputs.clear(self._mapper.map_frame or frame_id)
+
+    def _placed(self, stamp_ns: int) -> None:
+        """A ping has its place in the map."""
+        self._latency.placed(stamp_ns)
+        self._map_frame.update()
+
+    def _show(self, messages: Sequence[Any]) -> None:
+        """A solve has ended."""
+        self._map_frame.update()
+        self._outputs.publish(messages)
+
+    def _go(self) -> None:
+        """All kernels are ready: use what has come meanwhile."""
+        self._mapper.intake.held = False
+        self._go_on()
+        self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
 
     def close(self) -> None:
         """Drop what is being solved and finish what is being written; to be called after the last callback."""
+        self._start.close()
         self._solving.close()
         self._background.close()
         self._saver.close()
@@ -125,7 +149,7 @@ class PolymapNode(Node):  # type: ignore[misc]
         back_s = self._behind_s(stamp_ns)
         is_back = back_s > self._live.current.odometry.max_gap_s and frame_id == self._mapper.frame_id
         first, self._back = self._back, None
-        if is_back and self._mapper.resuming:
+        if is_back and self._mapper.intake.resuming:
             self.get_logger().warning(f'odometry begins {back_s:.3f} s before the loaded map ends: the map is kept and '
                                       'goes on under another clock (odometry.on_jump_back)')
         elif is_back and first is not None and stamp_ns > first[0]:
@@ -141,13 +165,13 @@ class PolymapNode(Node):  # type: ignore[misc]
 
     def _behind_s(self, stamp_ns: int) -> float:
         """How far a stamp is before the newest odometry [s]; negative where it is after that."""
-        newest_ns = self._mapper.newest_pose_ns
+        newest_ns = self._mapper.intake.newest_ns
         return 0.0 if newest_ns is None else (newest_ns - stamp_ns) * 1e-9
 
     def _add_pose(self, stamp_ns: int, frame_id: str, pose: SpatialPose) -> None:
-        back_s, outliers = self._behind_s(stamp_ns), self._mapper.outliers
+        back_s, outliers = self._behind_s(stamp_ns), self._mapper.intake.outliers
         taken = self._mapper.add_pose(stamp_ns, pose, frame_id)
-        if self._mapper.outliers > outliers:
+        if self._mapper.intake.outliers > outliers:
             self._refuse('an odometry message was stamped far ahead of the next one and is left out')
         self._settle()
         if not taken and frame_id != self._mapper.frame_id:
@@ -174,12 +198,17 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._settle()
 
     def _go_on(self) -> None:
+        """Use some of the pings that wait; of a backlog the next ones after a pause as long, for the messages."""
+        self._catch_up.cancel()
+        begun_ns = time.monotonic_ns()
         self._mapper.go_on()
-        self._settle()
+        if self._mapper.intake.behind:
+            self._catch_up.timer_period_ns = time.monotonic_ns() - begun_ns
+            self._catch_up.reset()
 
     def _settle(self) -> None:
-        if self._mapper.behind:
-            self._background.again()
+        if self._mapper.intake.behind and self._catch_up.is_canceled():
+            self._catch_up.reset()
 
     def _do_chores(self) -> None:
         """What is done once a second; the heartbeat only every `HEARTBEAT_S`."""
@@ -215,8 +244,11 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._solving.set_period(parameters.solver.period_s)
 
     def _log_parameters(self, parameters: Parameters) -> None:
-        lines = (f'  {name}: {value!r}' for name, value in parameters.flat().items())
-        self.get_logger().info('parameters:\n' + '\n'.join(lines))
+        values, defaults = parameters.flat(), Parameters().flat()
+        differing = ', '.join(f'{name}: {value!r}' for name, value in values.items() if value != defaults[name])
+        self.get_logger().info(f'parameters: {differing or "all"}{", the others" * bool(differing)} at their defaults')
+        for name, value in values.items():
+            self.get_logger().debug(f'parameter {name}: {value!r}')
 
     def _offer_services(self) -> None:
         self.create_service(Trigger, '~/reset', self._stopwatch.timed('reset', self._serve_reset))
@@ -224,10 +256,12 @@ class PolymapNode(Node):  # type: ignore[misc]
 
     def _serve_reset(self, request: Any, response: Any) -> Any:
         self.reset()
+        self.get_logger().info('reset: the map is empty')
         response.success, response.message = True, 'the map is empty'
         return response
 
     def _serve_pause(self, request: Any, response: Any) -> Any:
         self._solving.paused = bool(request.data)
+        self.get_logger().info('paused: pings are dropped, no solve begins' if request.data else 'running, not paused')
         response.success, response.message = True, 'paused' if request.data else 'running'
         return response

@@ -83,7 +83,7 @@ class Observed:
         self._ready.set()
 
 
-class Listener:
+class Observer:
     """Hears the node's diagnostics, in a thread, while the ``with`` block lasts.
 
     Attributes
@@ -99,7 +99,7 @@ class Listener:
         self.newest: dict[str, str] = {}
 
     @contextmanager
-    def listening(self) -> Iterator['Listener']:
+    def listening(self) -> Iterator['Observer']:
         """Listen; rclpy has to be initialised."""
         node = Node('polymap_listener', start_parameter_services=False)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._take, 10)

@@ -1,7 +1,7 @@
 """Plays messages onto topics at their own pace, with ``/clock``."""
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -44,12 +44,20 @@ class Player(Node):  # type: ignore[misc]
         }
         self._clock_publisher = self.create_publisher(Clock, '/clock', played())
 
-    def wait(self, timeout_s: float) -> list[str]:
-        """Wait until every topic has a subscriber; return those that still have none after `timeout_s`."""
-        end_s = time.monotonic() + timeout_s
-        while (lonely := self._lonely()) and time.monotonic() < end_s:
+    def wait(self, timeout_s: float, show: Callable[[list[str], float], object] = lambda *_: None) -> list[str]:
+        """Wait until every topic has a subscriber; return those that still have none after `timeout_s`.
+
+        `show` is called with the topics waited for and the time that has passed [s].
+        """
+        begun_s = time.monotonic()
+        while (lonely := self._lonely()) and (waited_s := time.monotonic() - begun_s) < timeout_s:
+            show(lonely, waited_s)
             time.sleep(POLL_S)
         return lonely
+
+    def misfits(self, topics: list[str]) -> list[str]:
+        """Those of the topics, without a subscriber, that have one of another type or with a QoS that does not fit."""
+        return [topic for topic in topics if self.count_subscribers(topic)]
 
     def play(self, messages: Iterable[tuple[str, str, Any, int]]) -> int:
         """Publish (topic, type_name, message, ns) at its time; return how many were published.
@@ -76,7 +84,7 @@ class Player(Node):  # type: ignore[misc]
             publisher.wait_for_all_acked(Duration(seconds=timeout_s))
 
     def _lonely(self) -> list[str]:
-        return [topic for topic, publisher in self._publishers_by_topic.items()
+        return [publisher.topic_name for publisher in self._publishers_by_topic.values()
                 if publisher.get_subscription_count() == 0]
 
     @staticmethod

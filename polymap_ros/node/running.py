@@ -35,8 +35,6 @@ def run(arguments: Sequence[str]) -> None:
     try:
         with refusals_told():
             node = PolymapNode(arguments)
-        gc.collect()
-        gc.freeze()  # all that was imported and compiled; to look through it for garbage takes 50 ms and more
         _spin(node)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass  # while the node was being made
@@ -52,6 +50,8 @@ def _spin(node: PolymapNode) -> None:
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     try:
+        gc.collect()
+        gc.freeze()  # all that was imported; to look through it for garbage takes 50 ms and more
         while rclpy.ok():
             executor.spin_once(timeout_sec=POLL_S)
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -17,13 +17,16 @@ from rclpy.node import Node
 from rclpy.task import Future as RosFuture
 from std_srvs.srv import Trigger
 
-from polymap_ros.atomic import move_into_place, staging
-from polymap_ros.errors import PolymapError
-from polymap_ros.mapping.estimate import Caution, Estimate
+from polymap_ros.atomic import check_writable, move_into_place, staging
+from polymap_ros.cautions import Caution
+from polymap_ros.errors import OutputError, PolymapError, in_words
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
-from polymap_ros.results.save import write_results
+from polymap_ros.result_parameters import OutputParameters
+from polymap_ros.results.folder import STATE, Unwritten, write_results
+from polymap_ros.results.save import answer, map_cautions, map_files
+from polymap_ros.solvers.estimate import Estimate
 
 
 class Content(NamedTuple):
@@ -32,6 +35,28 @@ class Content(NamedTuple):
     map: int
     pings: int
     estimate: Estimate | None
+
+
+class Saved(NamedTuple):
+    """A folder that was written, by its absolute path, and what is missing in it."""
+
+    folder: Path
+    unwritten: tuple[Unwritten, ...]
+
+    @property
+    def missing(self) -> frozenset[str]:
+        """Names of the files that could not be written."""
+        return frozenset(name for each in self.unwritten for name in each.names)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the answer is there, and can be gone on from."""
+        return STATE not in self.missing
+
+    @property
+    def problem(self) -> str:
+        """What is missing, and why; empty where nothing is."""
+        return '; '.join(map(str, self.unwritten))
 
 
 class Saver:
@@ -65,13 +90,23 @@ class Saver:
         self._parameters = parameters
         self._start = stopwatch.timed('begin of a save', self._start_save)
         self._writer = ThreadPoolExecutor(1, thread_name_prefix='save')
-        self._automatic: tuple[Content, Future[Path]] | None = None
+        self._automatic: tuple[Content, Future[Saved]] | None = None
         self._automatic_s = time.monotonic()
-        self._automatic_folder: Path | None = None
+        self._kept: list[Saved] = []
         self._maps = 0
         self._saved = self._content()
+        self._check(parameters().output)
         # A group of its own: the service waits for the disk, and the inputs must not wait with it.
         node.create_service(Trigger, '~/save', self._serve, callback_group=MutuallyExclusiveCallbackGroup())
+
+    def _check(self, output: OutputParameters) -> None:
+        """Say at the start what a save would find out; the node goes on, as a disk may come later."""
+        try:
+            check_writable(Path(os.path.realpath(output.dir)))
+        except OutputError as error:
+            problem = f'nothing can be saved (output.dir): {error}'
+            self._node.get_logger().error(problem)
+            self.problem = problem if output.autosave_s > 0.0 else ''
 
     def autosave(self) -> None:
         """Save where `output.autosave_s` asks for it and something new came; called about once a second."""
@@ -87,7 +122,7 @@ class Saver:
     def begin_anew(self) -> None:
         """The map is reset: what was saved of it stays, and the next one is saved beside it."""
         self._maps += 1
-        self._automatic_folder = None
+        self._kept = []
 
     def close(self) -> None:
         """Let a running save finish, and save a last time where automatic saves are on."""
@@ -98,45 +133,53 @@ class Saver:
         self._writer.shutdown()
 
     def _content(self) -> 'Content':
-        return Content(self._maps, self._mapper.counts.used, self._mapper.estimate)
+        counts = self._mapper.counts
+        pings = counts.used + (counts.waiting if self._mapper.intake.held else 0)  # those are in the state, too
+        return Content(self._maps, pings, self._mapper.estimate)
 
     def _is_new(self) -> bool:
         """Whether pings came, or an answer, since the last automatic save that succeeded."""
         content = self._content()
         return content.pings > 0 and content != self._saved
 
-    def _start_save(self) -> 'Future[Path]':
+    def _start_save(self) -> 'Future[Saved]':
         mapper, parameters = self._mapper, self._parameters()
-        estimate = mapper.estimate or Estimate(
-            'open', parameters.solver.method, cautions=(Caution('no_answer', 'nothing has been solved yet'),))
+        waiting = f': {mapper.counts.waiting} pings wait for the end of the start' if mapper.intake.held else ''
+        estimate = mapper.estimate or Estimate('open', parameters.solver.method, cautions=(
+            Caution('no_answer', f'nothing has been solved yet{waiting}'),))
         return self._writer.submit(write, mapper.twin(), estimate, parameters)
 
     def _finish_automatic(self) -> None:
-        """Of each map keep only the newest automatic save."""
+        """Of each map keep the newest automatic save, and older ones only where they have files that it lacks."""
         if self._automatic is None:
             return
         (content, future), self._automatic = self._automatic, None
-        folder = self._note(future)
-        if folder is None:  # tried again after the next interval
+        saved = self._note(future)
+        if saved is None:  # tried again after the next interval
             return
-        self._saved = content
+        if saved.whole:
+            self._saved = content
         if content.map == self._maps:
-            if self._automatic_folder is not None:
-                self._writer.submit(discard, self._automatic_folder)
-            self._automatic_folder = folder
+            for older in self._kept:
+                if saved.missing <= older.missing:
+                    self._writer.submit(discard, older.folder)
+            self._kept = [*(older for older in self._kept if not saved.missing <= older.missing), saved]
 
-    def _note(self, future: 'Future[Path]') -> Path | None:
+    def _note(self, future: 'Future[Saved]') -> Saved | None:
         try:
-            folder = future.result()
+            saved = future.result()
         except Exception as error:  # a full disk, or a fault of ours: the mapping goes on
-            self.problem = f'cannot save: {error}'
+            self.problem = f'cannot save: {in_words(error)}'
             known = isinstance(error, (OSError, PolymapError))
             self._node.get_logger().error(
                 self.problem if known else '\n'.join((self.problem, *format_exception(error))),
                 throttle_duration_sec=10.0)
             return None
-        self.saved, self.problem = str(folder), ''
-        return folder
+        self.saved, self.problem = str(saved.folder), ''
+        if saved.unwritten:
+            self.problem = f'{saved.folder}: {saved.problem}'
+            self._node.get_logger().error(self.problem, throttle_duration_sec=10.0)
+        return saved
 
     async def _serve(self, request: Any, response: Any) -> Any:
         future = self._start()
@@ -144,20 +187,33 @@ class Saver:
         written = RosFuture(executor=executor)
         future.add_done_callback(lambda _: executor.create_task(partial(written.set_result, None)))
         await written
-        folder = self._note(future)
-        response.success = folder is not None
-        response.message = self.problem if folder is None else str(folder)
+        saved = self._note(future)
+        if saved is not None:
+            self._node.get_logger().info(f'saved: {self.saved}')
+        response.success = saved is not None and saved.whole
+        response.message = self.problem or self.saved
         return response
 
 
-def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Path:
-    """Write a twin of the mapper as a whole folder that did not exist before; return its absolute path."""
+def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Saved:
+    """Write a twin of the mapper as a whole folder that did not exist before.
+
+    Raises
+    ------
+    OutputError
+        Where not even the answer can be written.
+    """
     parent = Path(os.path.realpath(parameters.output.dir))
-    with staging(parent / 'save') as stage:
-        files = stage / 'files'
-        files.mkdir()
-        write_results(files, mapper, estimate, parameters)
-        return _moved(files, (parent / f'{mapper.places.last_ns}-{n}' for n in itertools.count(1)))
+    files = answer(mapper, estimate, parameters, map_cautions(estimate, parameters))
+    try:
+        with staging(parent / 'save') as stage:
+            unwritten = write_results(stage / 'files', files, map_files(estimate, parameters))
+            targets = (parent / f'{mapper.places.last_ns}-{n}' for n in itertools.count(1))
+            return Saved(_moved(stage / 'files', targets), tuple(unwritten))
+    except OSError as error:
+        raise OutputError(parent, in_words(error, parent)) from error
+    except OutputError as error:
+        raise OutputError(parent, error.cause) from error
 
 
 def _moved(files: Path, targets: Iterator[Path]) -> Path:

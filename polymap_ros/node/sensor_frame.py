@@ -4,7 +4,7 @@ from rclpy.node import Node
 from rclpy.time import Time
 
 from polymap_ros.errors import BadPing, ParameterError
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 
 
 class SensorFrame:

@@ -10,17 +10,17 @@ from typing import Any, NamedTuple
 from rclpy.clock import Clock
 from rclpy.node import Node
 
-from polymap_ros.mapping.estimate import Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.later import Later
 from polymap_ros.node.stopwatch import Stopwatch
+from polymap_ros.solvers.checkpoint import Stopped
 
 
 class _Outcome(NamedTuple):
     number: int
     taken_s: float
     problem: str
-    estimate: Estimate | None = None
+    twin: PolygonMapper | None = None
     messages: Sequence[Any] = ()
 
 
@@ -101,7 +101,7 @@ class SolveLoop:
         return f'a solve was not done after {self._late_s:.2f} s; one is due every {period_s:g} s (solver.period_s)'
 
     def drop(self) -> None:
-        """Drop a solve under way, which ends after its current step; the next comes in any case."""
+        """Drop a solve under way, which ends at its next checkpoint; the next solve comes in any case."""
         self._number += 1
         self._solving = False
         self._solved_pings = 0
@@ -114,7 +114,7 @@ class SolveLoop:
 
     def _begin(self) -> None:
         used = self._mapper.counts.used
-        if self.paused or used == self._solved_pings:
+        if self.paused or self._mapper.intake.held or used == self._solved_pings:
             return
         if self._solving:
             self.behind += 1
@@ -126,20 +126,25 @@ class SolveLoop:
 
     def _solve(self, number: int, twin: PolygonMapper) -> None:
         """Solve, in the thread. A solver that fails costs its answer, not the node and its map."""
-        started_s = time.monotonic()
+        started_s, estimate = time.monotonic(), None
         try:
-            twin.begin_solve()
-            while number == self._number and not twin.advance(1):
-                self._running.wait()
-            if number != self._number:
-                return
+            estimate = twin.solve(lambda: self._wait_or_stop(number))
             taken_s = time.monotonic() - started_s
-            self._outcome = _Outcome(number, taken_s, '', twin.estimate, self._drawn(twin))
+            self._outcome = _Outcome(number, taken_s, '', twin, self._drawn(twin))
+        except Stopped:
+            return
         except Exception as error:
-            problem = f'the solver failed: {type(error).__name__}: {error}'
+            failed = 'the solver failed' if estimate is None else 'the answer cannot be shown'
+            problem = f'{failed}: {type(error).__name__}: {error}'
             self._node.get_logger().error(f'{problem}\n{traceback.format_exc()}', throttle_duration_sec=10.0)
-            self._outcome = _Outcome(number, time.monotonic() - started_s, problem)
+            self._outcome = _Outcome(number, time.monotonic() - started_s, problem, twin if estimate else None)
         self._later('end of a solve', self._end)
+
+    def _wait_or_stop(self, number: int) -> None:
+        """The checkpoint of a solve, in the thread."""
+        self._running.wait()
+        if number != self._number:
+            raise Stopped
 
     def _end(self) -> None:
         outcome = self._outcome
@@ -147,6 +152,6 @@ class SolveLoop:
             return
         self._solving = False
         self.solve_s, self.problem = outcome.taken_s, outcome.problem
-        if not outcome.problem:
-            self._mapper.estimate = outcome.estimate
+        if outcome.twin is not None:
+            self._mapper.adopt(outcome.twin)
             self._finished(outcome.messages)

@@ -25,18 +25,22 @@ class Definitions:
         Decodes messages.
     faults : list of str
         Definitions that cannot be used.
+    remarks : list of str
+        Hashes that are not those of definitions which are sound.
     """
 
     def __init__(self, channels: Sequence[Channel], digests: Mapping[str, str]) -> None:
         from rosbags.typesys import Stores, get_typestore
 
         self.faults: list[str] = []
+        self.remarks: list[str] = []
         self.store = get_typestore(Stores.ROS2_JAZZY)
         known = self.store.fielddefs
         recorded: dict[str, Any] = {}
         for channel in {channel.type_name: channel for channel in channels if channel.definition}.values():
             recorded |= self._parsed(channel)
         self.foreign = {name for name in recorded.keys() & known.keys() if recorded[name][1] != known[name][1]}
+        sound = recorded.keys() & known.keys() - self.foreign
         if self.foreign:
             self.store = get_typestore(Stores.EMPTY)
             recorded = {**known, **recorded}
@@ -47,7 +51,11 @@ class Definitions:
         except Exception as error:  # any parser error on damaged text
             self.faults.append(f'the definitions of its messages contradict each other: {" ".join(str(error).split())}')
         for name, digest in digests.items():
-            if digest and name in self.store.fielddefs and self._digest(name) != digest:
+            if not digest or name not in self.store.fielddefs or self._digest(name) == digest:
+                continue
+            if name in sound and not self.foreign:
+                self.remarks.append(f'metadata.yaml has another hash of {name} than its definition has')
+            else:
                 self.faults.append(f'the definition of {name} is not the one that was recorded')
                 self.foreign.add(name)
 

@@ -32,7 +32,7 @@ from polymap_ros.recordings.mcap_records import (
     records_of,
     unpacked,
 )
-from polymap_ros.recordings.storage import MOST_BYTES, MOST_NS, Channel, RawMessage
+from polymap_ros.recordings.storage import MOST_BYTES, MOST_NS, Channel, RawMessage, full_type_name, why_left_out
 
 _ENCODINGS = {'ros2msg': 'msg', 'ros2idl': 'idl', 'omgidl': 'idl', '': ''}
 
@@ -50,13 +50,20 @@ class _Piece(NamedTuple):
 class McapFile:
     """An open MCAP file; a `polymap_ros.recordings.storage.StoredFile`.
 
+    Parameters
+    ----------
+    path : Path
+        What the user calls it.
+    content : Path, optional
+        Where it lies, if not there.
+
     Raises
     ------
     RecordingError
         For what is no MCAP file, and one that nothing can be read from.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, content: Path | None = None) -> None:
         self.path = path
         self.faults: list[str] = []
         self._schemas: dict[int, Any] = {}
@@ -64,7 +71,7 @@ class McapFile:
         self._pieces: list[_Piece] = []
         self._counts: dict[int, int] | None = None
         self._lost: set[int] = set()
-        self._stream = path.open('rb')
+        self._stream = (content or path).open('rb')
         try:
             self._survey()
             if self._counts is None or not set(self._counts) <= set(self._channels):
@@ -85,7 +92,8 @@ class McapFile:
     def messages(self, topics: Collection[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
         """The sound messages of some topics within a half-open interval, by log time; see `faults` afterwards."""
         wanted = {number: (channel.topic, self._type_of(channel))
-                  for number, channel in self._channels.items() if channel.topic in topics}
+                  for number, channel in self._channels.items()
+                  if channel.topic in topics and not why_left_out(channel.message_encoding)}
         waiting: list[tuple[int, int, int, bytes]] = []  # a heap, by log time and, where that is the same, as written
         written, size = itertools.count(), 0
         for piece in [*sorted(self._pieces), None]:
@@ -104,9 +112,7 @@ class McapFile:
 
     def _survey(self) -> None:
         """Find the chunks, and what lies outside of them; the chunks themselves are not read."""
-        size = self.path.stat().st_size
-        if not size:
-            raise RecordingError(f'{self.path}: cannot be read: the file is empty')
+        size = self._stream.seek(0, 2)
         if self._bytes(0, len(MAGIC)) != MAGIC:
             raise RecordingError(f'{self.path}: cannot be read: is no MCAP file')
         offset, promised, ended = len(MAGIC), 0, False
@@ -194,8 +200,7 @@ class McapFile:
                 self._schemas.setdefault(schema.id, schema)
             elif opcode == CHANNEL:
                 channel = ChannelRecord.read(stream)
-                if channel.message_encoding == 'cdr':
-                    self._channels.setdefault(channel.id, channel)
+                self._channels.setdefault(channel.id, channel)
             else:
                 self._counts = Statistics.read(stream).channel_message_counts
         except McapError as error:
@@ -249,8 +254,9 @@ class McapFile:
         schema = self._schemas.get(channel.schema_id)
         encoding = _ENCODINGS.get(schema.encoding, '') if schema else ''
         definition = schema.data.decode(errors='replace') if schema and encoding else ''
-        return Channel(channel.topic, self._type_of(channel), definition, encoding, message_count)
+        return Channel(channel.topic, self._type_of(channel), definition, encoding, message_count,
+                       why_left_out(channel.message_encoding))
 
     def _type_of(self, channel: Any) -> str:
         schema = self._schemas.get(channel.schema_id)
-        return schema.name if schema else ''
+        return full_type_name(schema.name) if schema else ''

@@ -1,26 +1,34 @@
-"""Reading rosbag2 directories and bare .mcap and .db3 files, without ROS."""
+"""Reading rosbag2 directories and bare MCAP and SQLite files, without ROS."""
 
 import heapq
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
+from polymap_ros.cautions import Caution
 from polymap_ros.errors import RecordingError
-from polymap_ros.mapping.estimate import Caution
 from polymap_ros.messages.fields import Field
-from polymap_ros.recordings.decompression import message_of_zstd, unpack_file
+from polymap_ros.recordings.decompression import plain_message
 from polymap_ros.recordings.definitions import Definitions
-from polymap_ros.recordings.layout import Layout, layout_of
-from polymap_ros.recordings.mcap_file import McapFile
-from polymap_ros.recordings.sqlite_file import SqliteFile
-from polymap_ros.recordings.storage import MOST_NS, StoredFile
+from polymap_ros.recordings.layout import layout_of
+from polymap_ros.recordings.metadata import NAME, Metadata
+from polymap_ros.recordings.opening import Parts, open_parts
+from polymap_ros.recordings.sniff import kind_of_bytes, shown
+from polymap_ros.recordings.storage import MOST_NS, Channel
 
 _FOREVER_S = 1e9
 """Beyond any recording, and still within the 64 bits that log times have."""
+
+_CDR = b'\0\0', b'\0\1'
+"""How plain CDR begins, big-endian and little-endian."""
+_ENCAPSULATIONS = {
+    **dict.fromkeys((2, 3), 'CDR with a parameter list'), **dict.fromkeys(range(6, 12), 'CDR of version 2 (XCDR2)')}
+"""Other encodings of DDS, by the second byte of a message."""
+_FROM_ROS_1 = '; convert the .bag that it was made from: rosbags-convert --src NAME.bag --dst NAME'
+_COMPRESSIONS = 'gzip', 'bzip2', 'xz', 'zip'
 
 Reader: TypeAlias = Callable[[bytes], Any]
 
@@ -32,7 +40,7 @@ class Topic(NamedTuple):
     message_count: int
 
 
-class Entry(NamedTuple):
+class Message(NamedTuple):
     """One recorded message, as a dataclass of rosbags or what a reader made of it."""
 
     topic: str
@@ -52,22 +60,29 @@ class Recording:
         Type and number of messages by topic, as the recording's own index or metadata.yaml has it.
     start_ns, end_ns : int
         Log time of the first and the last message [ns]; 0 where there is none.
+    left_out : dict[str, str]
+        Topics whose messages are not read, or not all of them, and why.
     damaged : Counter[str]
         Messages by topic that `messages` met and could not decode.
     """
 
-    def __init__(self, path: Path, layout: Layout, files: Sequence[StoredFile], faults: Sequence[str] = ()) -> None:
+    def __init__(self, path: Path, parts: Parts) -> None:
         self.path = path
-        self._files, self._compression = files, layout.compression
-        channels = [channel for file in files for channel in file.channels]
-        self._definitions = Definitions(channels, layout.digests)
-        self._faults = [*layout.faults, *faults, *self._definitions.faults]
-        self.topics = _topics(layout, files)
-        filled = [file for file in files if file.start_ns <= file.end_ns]
+        self._files, self._metadata = parts.files, parts.metadata or Metadata([])
+        channels = [channel for file in parts.files for channel in file.channels]
+        read = [channel for channel in channels if not channel.left_out]
+        self._definitions = Definitions(read, self._metadata.digests)
+        self._faults = [*parts.faults, *self._definitions.faults]
+        self._remarks = [*parts.remarks, *self._definitions.remarks]
+        self.left_out = {channel.topic: f'{channel.type_name or "of no type"} {channel.left_out}'
+                         for channel in channels if channel.left_out}
+        self.topics = _topics(self._metadata, read, self.left_out)
+        filled = [file for file in parts.files if file.start_ns <= file.end_ns]
         self.start_ns = min((file.start_ns for file in filled), default=0)
         self.end_ns = max((file.end_ns for file in filled), default=0)
         self.damaged: Counter[str] = Counter()
         self._seen: Counter[str] = Counter()
+        self._first_damaged: dict[str, bytes] = {}
 
     @classmethod
     @contextmanager
@@ -83,22 +98,7 @@ class Recording:
         """
         layout = layout_of(path)
         with ExitStack() as stack:
-            files: list[StoredFile] = []
-            failures: list[RecordingError] = []
-            for file in layout.files:
-                try:
-                    if layout.compression == 'file':
-                        folder = Path(stack.enter_context(TemporaryDirectory(prefix='polymap-')))
-                        file = unpack_file(file, folder)
-                    files.append(_opened(file))
-                    stack.callback(files[-1].close)
-                except RecordingError as error:
-                    failures.append(error)
-                except OSError as error:
-                    failures.append(RecordingError(f'{file}: cannot be read: {error.strerror or error}'))
-            if not files:
-                raise failures[0]
-            yield cls(path, layout, files, [str(failure) for failure in failures])
+            yield cls(path, open_parts(path, layout, stack))
 
     @property
     def duration_s(self) -> float:
@@ -122,26 +122,42 @@ class Recording:
         RecordingError
             Names the topics of that type.
         """
-        found = next((topic for topic in self.topics if topic.lstrip('/') == name.lstrip('/')), None)
-        filled = {topic: info for topic, info in self.topics.items() if info.message_count}
-        alike = [topic for topic, info in filled.items() if info.type_name == type_name and topic != found]
-        if alike:
-            advice = f'topics of type {type_name}: {", ".join(alike)} (choose with -p {parameter}:={alike[0]})'
-        else:
-            all_topics = ', '.join(f'{topic} ({info.type_name})' for topic, info in self.topics.items())
-            advice = f'no other topic is of type {type_name}; recorded: {all_topics or "nothing"}'
+        found = self._recorded(name, self.topics)
+        advice = self._advice(found, type_name, parameter)
         if found is None:
-            raise RecordingError(f'{self.path}: no topic /{name.lstrip("/")}; {advice}')
+            unread = self._recorded(name, self.left_out)
+            problem = f'no topic /{name.lstrip("/")}'
+            if unread is not None:
+                problem = f'topic {unread} cannot be read: it is {self.left_out[unread]}'
+                problem += _FROM_ROS_1 if "'ros1'" in problem else ''
+            raise RecordingError(f'{self.path}: {problem}; {advice}')
         if self.topics[found].type_name != type_name:
             raise RecordingError(
                 f'{self.path}: topic {found} is of type {self.topics[found].type_name}, not {type_name}; {advice}'
             )
         if not self.topics[found].message_count:
             raise RecordingError(f'{self.path}: topic {found} is empty; {advice}')
+        if all(found != channel.topic for file in self._files for channel in file.channels):
+            raise RecordingError(f'{self.path}: topic {found} is announced by {NAME}, but none of the files that are '
+                                 'there holds it')
         if foreign := sorted(self._definitions.foreign.intersection(self._definitions.closure(type_name))):
             raise RecordingError(f'{self.path}: topic {found} cannot be read: the recording defines {foreign[0]} '
                                  'otherwise than ROS 2 does, or its definition is damaged')
         return found
+
+    @staticmethod
+    def _recorded(name: str, topics: Collection[str]) -> str | None:
+        return next((topic for topic in topics if topic.lstrip('/') == name.lstrip('/')), None)
+
+    def _advice(self, found: str | None, type_name: str, parameter: str) -> str:
+        """Name what could be read in the place of topic `found`."""
+        alike = [topic for topic, info in self.topics.items()
+                 if info.message_count and info.type_name == type_name and topic != found]
+        if alike:
+            return f'topics of type {type_name}: {", ".join(alike)} (choose with -p {parameter}:={alike[0]})'
+        held = [*(f'{topic} ({info.type_name})' for topic, info in self.topics.items()),
+                *(f'{topic} (not read: {why})' for topic, why in self.left_out.items() if topic not in self.topics)]
+        return f'no other topic is of type {type_name}; recorded: {", ".join(held) or "nothing"}'
 
     def fields_of(self, type_name: str) -> dict[str, Field]:
         """What a type holds, by field, as the recording defines it.
@@ -159,7 +175,7 @@ class Recording:
     def messages(
         self, topics: Collection[str] | None = None, start_s: float | None = None, end_s: float | None = None,
         readers: Mapping[str, Reader] = MappingProxyType({}),
-    ) -> Iterator[Entry]:
+    ) -> Iterator[Message]:
         """Read messages in the order of their log time; those that cannot be decoded are counted in `damaged`.
 
         Parameters
@@ -180,20 +196,26 @@ class Recording:
         start_ns, end_ns = self._log_time(start_s, -MOST_NS), self._log_time(end_s, MOST_NS)
         self._seen.clear()
         self.damaged.clear()
+        self._first_damaged.clear()
         streams = [file.messages(wanted, start_ns, end_ns) for file in self._files]
         ordered = streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda message: message.log_ns)
         decode = self._definitions.store.deserialize_cdr
         for log_ns, topic, type_name, data in ordered:
             self._seen[topic] += 1
+            type_name = type_name or self.topics[topic].type_name
+            content = data
             try:
-                content = message_of_zstd(data) if self._compression == 'message' else data
+                content = plain_message(data)
+                if content[:2] not in _CDR:
+                    raise ValueError('is no CDR')
                 message = readers[topic](content) if topic in readers else None
                 if message is None:
                     message = decode(content, type_name)
             except Exception:  # any parser error on damaged bytes; counted and reported by `cautions`
                 self.damaged[topic] += 1
+                self._first_damaged.setdefault(topic, content[:8])
                 continue
-            yield Entry(topic, type_name, message, log_ns)
+            yield Message(topic, type_name, message, log_ns)
 
     def _log_time(self, offset_s: float | None, without: int) -> int:
         return without if offset_s is None else self.start_ns + round(min(offset_s, _FOREVER_S) * 1e9)
@@ -210,20 +232,42 @@ class Recording:
         """
         faults = [*self._faults, *(fault for file in self._files for fault in file.faults)]
         found = [Caution('recording_damaged', _some(faults))] if faults else []
+        if self._remarks:
+            found.append(Caution('recording_inconsistent', _some(self._remarks)))
         for topic in topics:
             expected, seen, damaged = self.topics[topic].message_count, self._seen[topic], self.damaged[topic]
             if complete and seen != expected:
                 text = f'{topic}: {seen} messages found where the recording announces {expected}'
                 found.append(Caution('recording_incomplete', text))
+            if topic in self.left_out:
+                text = f'{topic}: some messages are left out: {self.left_out[topic]}'
+                found.append(Caution('recording_incomplete', text, 'record the topic as CDR alone'))
             if damaged:
-                text = f'{topic}: {damaged} of {seen} messages cannot be decoded'
-                found.append(Caution('recording_damaged', text))
+                text = f'{topic}: {damaged} of {seen} messages {self.why(topic)}'
+                remedy = 'record them as ROS 2 does by default' if self._form_of(topic) else ''
+                found.append(Caution('recording_damaged', text, remedy))
         return found
 
+    def why(self, topic: str) -> str:
+        """Say why messages of a topic that `messages` met are in `damaged`."""
+        head, packed = self._first_damaged.get(topic, b''), self._metadata.compression
+        reason = 'cannot be decoded'
+        if form := self._form_of(topic):
+            return f'{reason}: {form}'
+        if head[:1] != b'\0':
+            reason += f': the first begins with {shown(head)}, CDR with a byte 00'
+        if packed and packed != 'zstd':
+            reason += f'; {NAME} says that they are compressed by {packed!r}; allowed: zstd, lz4'
+        return reason
 
-def _opened(path: Path) -> StoredFile:
-    """A file of a recording, by its suffix."""
-    return McapFile(path) if path.suffix == '.mcap' else SqliteFile(path)
+    def _form_of(self, topic: str) -> str:
+        """What the first message that could not be decoded is; empty where that is not known."""
+        head = self._first_damaged.get(topic, b'')
+        if (kind := kind_of_bytes(head)) in _COMPRESSIONS:
+            return f'they are compressed one by one with {kind}; allowed: zstd, lz4'
+        if len(head) > 1 and head[0] == 0 and (name := _ENCAPSULATIONS.get(head[1])):
+            return f'they are {name}, by their first bytes {head[:2].hex(" ")}; allowed: plain CDR, 00 00 or 00 01'
+        return ''
 
 
 def _some(faults: Sequence[str], at_most: int = 5) -> str:
@@ -242,14 +286,16 @@ def _field(description: Any) -> Field:
     return Field('uint8' if element in ('octet', 'byte', 'char') else element)
 
 
-def _topics(layout: Layout, files: Sequence[StoredFile]) -> dict[str, Topic]:
-    """Type and number of messages by topic: what metadata.yaml announces, and without it the files."""
+def _topics(metadata: Metadata, channels: Sequence[Channel], left_out: Collection[str]) -> dict[str, Topic]:
+    """Type and number of messages by topic: by the files, and the number that metadata.yaml announces."""
     topics: dict[str, Topic] = {}
-    for channel in (channel for file in files for channel in file.channels):
-        type_name, count = topics.get(channel.topic, Topic(channel.type_name, 0))
-        if channel.type_name not in type_name.split(' and '):
-            type_name = f'{type_name} and {channel.type_name}'
+    for channel in channels:
+        name = channel.type_name or metadata.announced.get(channel.topic, ('',))[0]
+        type_name, count = topics.get(channel.topic, Topic(name, 0))
+        if name not in type_name.split(' and '):
+            type_name = f'{type_name} and {name}'
         topics[channel.topic] = Topic(type_name, count + channel.message_count)
-    for name, (type_name, count) in layout.announced.items():
-        topics[name] = topics.get(name, Topic(type_name, 0))._replace(message_count=count)
+    for name, (type_name, count) in metadata.announced.items():
+        if name not in left_out:
+            topics[name] = topics.get(name, Topic(type_name, 0))._replace(message_count=count)
     return dict(sorted(topics.items()))

@@ -1,23 +1,46 @@
 """A recording through the mapper, in the order of log time."""
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.cautions import Caution
 from polymap_ros.errors import BadOdometry, BadPing, RecordingError
-from polymap_ros.mapping.estimate import Caution
+from polymap_ros.hearing.clocks import NOT_STAMPED
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import check_echo_fields
 from polymap_ros.messages.odometry import odometry_from_cdr, stamped_pose
 from polymap_ros.parameters import Parameters
-from polymap_ros.recordings.reading import Entry, Recording
+from polymap_ros.recordings.reading import Message, Recording
 from polymap_ros.recordings.sensor_places import sensor_places
+from polymap_ros.solvers.map_verdict import MIN_PINGS
 
 ODOMETRY_TYPE = 'nav_msgs/msg/Odometry'
+
+_MANY = 1 / 3
+"""Of the pings that were received, so many dropped for one reason are told before what the others gave: more than a
+pause, or the start of a recording, costs."""
+
+_WITHOUT_POSE = ('no_pose', 'pose_gap', 'stale', 'queue_full')
+_REMEDIES = {
+    **dict.fromkeys(_WITHOUT_POSE, 'record odometry for as long as pings, stamped by the same clock'),
+    'off_plane': 'check the odometry, or set odometry.plane, max_tilt_deg and max_height_m',
+    'duplicate': 'give every ping a stamp of its own',
+}
+"""What to do about pings that were dropped, where that is not their own fault."""
+
+_OF_PARAMETERS = {
+    'pulse.path': "resample the pulse to the echoes' rate",
+    'front_end.gain_db_s': 'set front_end.gain_db_s to what the device does to the echoes, or to 0',
+    'front_end.max_bad': 'lower the gain where the echoes are recorded, or raise front_end.max_bad',
+    'front_end.band_': 'set front_end.band_low_hz and band_high_hz so that the pulse passes',
+    'cannot hold a pulse': 'check the sample period in the messages, or echo.sample_period_s, and pulse.frequency_hz',
+}
+"""The same by what the sentence of a dropped ping names, where a parameter is at fault."""
 
 
 @dataclass
@@ -50,6 +73,11 @@ class Replay:
     RecordingError
         For a topic that is missing, empty or of another type; while iterating, for a damaged file and where no
         odometry or no echo is in the interval.
+
+    Attributes
+    ----------
+    before : callable or None
+        Is shown each message, decoded in full, before the mapper gets it.
     """
 
     def __init__(
@@ -60,18 +88,23 @@ class Replay:
         self.echo_topic = recording.require(parameters.topics.echo, parameters.echo.type, 'topics.echo')
         check_echo_fields(parameters.echo, recording.fields_of)
         if parameters.sensor.from_tf:
-            mapper.locate = sensor_places(recording, self.odom_topic)
+            mapper.intake.locate = sensor_places(recording, self.odom_topic)
         self.topics = (self.odom_topic, self.echo_topic)
         self.total = sum(recording.topics[topic].message_count for topic in self.topics)
         self.odometry = OdometryCounts()
         self.echoes = 0
+        self._stamps: set[int] = set()
         self._recording, self._mapper, self._parameters = recording, mapper, parameters
         self._interval = start_s, end_s
-        self._outliers = mapper.outliers
+        self._outliers = mapper.intake.outliers
+        self.before: Callable[[Message], None] | None = None
 
-    def __iter__(self) -> Iterator[Entry]:
+    def __iter__(self) -> Iterator[Message]:
         """Feed the mapper; each message is given back once it was taken or dropped."""
-        for entry in self._recording.messages(self.topics, *self._interval, {self.odom_topic: odometry_from_cdr}):
+        readers = {} if self.before else {self.odom_topic: odometry_from_cdr}
+        for entry in self._recording.messages(self.topics, *self._interval, readers):
+            if self.before:
+                self.before(entry)
             if entry.topic == self.odom_topic:
                 self._feed_odometry(entry)
             else:
@@ -80,12 +113,12 @@ class Replay:
         damaged = self._recording.damaged
         for _ in range(damaged[self.echo_topic]):
             self.echoes += 1
-            self._mapper.drop('bad_shape', f'{self.echo_topic}: the message cannot be decoded')
+            self._mapper.drop('bad_shape', f'{self.echo_topic}: the message {self._recording.why(self.echo_topic)}')
         if lost := damaged[self.odom_topic]:
             self.odometry.received += lost
             self.odometry.dropped['undecodable'] += lost
         self._mapper.finish()
-        if outliers := self._mapper.outliers - self._outliers:
+        if outliers := self._mapper.intake.outliers - self._outliers:
             self.odometry.used -= outliers
             self.odometry.dropped['stamped_ahead'] += outliers
         self._check()
@@ -98,25 +131,44 @@ class Replay:
             reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
             text = f'{self.odom_topic}: of {self.odometry.received} messages dropped: {reasons}'
             found.append(Caution('odometry_dropped', text))
-        if refused := self._mapper.counts.dropped.get('wrong_type'):
-            text = f'{self.echo_topic}: {refused} dropped: {self._mapper.last_drop_texts["wrong_type"]}'
+        counts = self._mapper.counts
+        most = max(counts.dropped.values(), default=0)
+        many = most > _MANY * counts.received and most != counts.dropped.get('wrong_type')
+        if many or (most and counts.used < MIN_PINGS):
+            found.insert(0, self._dropped(found))
+        elif refused := counts.dropped.get('wrong_type'):
+            text = f'{self.echo_topic}: {refused} dropped: {self._mapper.intake.last_drop_texts["wrong_type"]}'
             found.append(Caution('wrong_type', text))
         return found
 
-    def _feed_odometry(self, entry: Entry) -> None:
+    def _dropped(self, found: list[Caution]) -> Caution:
+        """Say why many pings were dropped; where poses were missing because of the odometry, that is to be mended."""
+        counts = self._mapper.counts
+        reason = max(counts.dropped, key=lambda key: (counts.dropped[key], key))
+        number = sum(counts.dropped.values())
+        of = 'all pings' if number == counts.received else f'{number} of {counts.received} pings'
+        said = self._mapper.intake.last_drop_texts.get(reason, '')
+        remedy = next((each for name, each in _OF_PARAMETERS.items() if name in said), _REMEDIES.get(reason, ''))
+        text = f'{of} were dropped, most as {reason}: {said.removesuffix(f"; {remedy}")}'
+        blamed = [each for each in found if each.code == 'odometry_dropped' and reason in _WITHOUT_POSE]
+        return Caution('pings_dropped', text, blamed[0].text if blamed else remedy)
+
+    def _feed_odometry(self, entry: Message) -> None:
         self.odometry.received += 1
         try:
             stamp_ns, frame_id, pose = stamped_pose(entry.message)
         except BadOdometry:
             self.odometry.dropped['bad_pose'] += 1
             return
+        if len(self._stamps) < 2:
+            self._stamps.add(stamp_ns)
         if self._mapper.add_pose(stamp_ns, pose, frame_id):
             self.odometry.used += 1
         else:
             same_frame = frame_id == self._mapper.frame_id
             self.odometry.dropped['out_of_order' if same_frame else 'other_frame'] += 1
 
-    def _feed_echo(self, entry: Entry) -> None:
+    def _feed_echo(self, entry: Message) -> None:
         self.echoes += 1
         try:
             ping = ping_from_message(entry.message, entry.type_name, self._parameters.echo, entry.log_ns)
@@ -133,10 +185,17 @@ class Replay:
                 duration_s = self._recording.duration_s
                 raise RecordingError(f'{path}: no message of {topic} between --start and --end; the recording is '
                                      f'{duration_s:.3f} s long')
+        reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
+        if self.odometry.dropped['out_of_order'] and len(self._stamps) == 1:
+            (stamp_ns,) = self._stamps
+            raise RecordingError(f'{path}: the stamps of {self.odom_topic} are all {stamp_ns * 1e-9:g}, and a pose is '
+                                 f'of its time: {NOT_STAMPED}')
         if not self.odometry.used:
-            reasons = ', '.join(f'{number} {reason}' for reason, number in sorted(self.odometry.dropped.items()))
+            most = max(self.odometry.dropped, key=lambda reason: self.odometry.dropped[reason])
+            needed = {'undecodable': f'they {self._recording.why(self.odom_topic)}'}.get(
+                most, 'a finite pose and a unit quaternion are needed')
             raise RecordingError(f'{path}: none of the {self.odometry.received} messages of {self.odom_topic} can be '
-                                 f'used ({reasons}); a finite pose and a unit quaternion are needed')
+                                 f'used ({reasons}); {needed}')
 
 
 def some_pings(

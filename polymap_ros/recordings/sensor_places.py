@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from polymap_ros.errors import BadPing, RecordingError
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.transforms import StaticTransforms
 from polymap_ros.recordings.reading import Recording
 

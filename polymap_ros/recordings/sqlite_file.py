@@ -3,6 +3,7 @@
 A damaged database is read row by row from both ends, which leaves out what lies on damaged pages.
 """
 
+import os
 import shutil
 import sqlite3
 from collections import Counter
@@ -13,7 +14,7 @@ from tempfile import TemporaryDirectory
 from urllib.parse import quote
 
 from polymap_ros.errors import RecordingError
-from polymap_ros.recordings.storage import MOST_BYTES, Channel, RawMessage
+from polymap_ros.recordings.storage import MOST_BYTES, Channel, RawMessage, full_type_name, why_left_out
 
 _ENCODINGS = {'ros2msg': 'msg', 'ros2idl': 'idl'}
 _COLUMNS = {'topics': {'id', 'name', 'type', 'serialization_format'},
@@ -27,17 +28,22 @@ quote a damaged name."""
 class SqliteFile:
     """An open database; a `polymap_ros.recordings.storage.StoredFile`.
 
+    Parameters
+    ----------
+    path : Path
+        What the user calls it.
+    content : Path, optional
+        Where it lies, if not there.
+
     Raises
     ------
     RecordingError
         For what is no database of rosbag2, and one that nothing can be read from.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, content: Path | None = None) -> None:
+        self.path, self._content = path, content or path
         self.faults: list[str] = []
-        if not path.stat().st_size:
-            raise RecordingError(f'{path}: cannot be read: the file is empty')
         self._copy = TemporaryDirectory(prefix='polymap-')
         try:
             self._database = sqlite3.connect(_address(self._whole_pages()), uri=True)
@@ -62,24 +68,39 @@ class SqliteFile:
         self._copy.cleanup()
 
     def _whole_pages(self) -> Path:
-        """The file, or a copy without its last page where that is not whole: SQLite would fill it up with zeros."""
-        size = self.path.stat().st_size
-        with self.path.open('rb') as stream:
+        """The file, or a copy where SQLite could not read it as it is.
+
+        A last page that is not whole is left out, as SQLite would fill it up with zeros. A log of what is not yet in
+        the file is read where SQLite may write beside it only.
+        """
+        size, log = self._content.stat().st_size, _log_of(self._content)
+        logged = log.stat().st_size if log.exists() else 0
+        with self._content.open('rb') as stream:
             stored = int.from_bytes(stream.read(18)[16:], 'big')
             left = size % (2**16 if stored == 1 else max(stored, 1))
-            if not left:
-                return self.path
-            copy = Path(self._copy.name) / self.path.name
+            sealed = logged and not os.access(self._content.parent, os.W_OK)
+            if not left and not sealed:
+                return self._content
+            copy = Path(self._copy.name) / 'whole.db3'
+            if size + logged > shutil.disk_usage(copy.parent).free // 2:
+                raise RecordingError(f'{self.path}: cannot be read where it is: its last messages are in {log.name}, '
+                                     'and SQLite has to write beside that; copy both files to a folder that can be '
+                                     'written, or let TMPDIR name one with room for them' if sealed else
+                                     f'{self.path}: was cut off, and TMPDIR has no room for a copy of what is whole')
+            if logged:
+                shutil.copyfile(log, _log_of(copy))
             stream.seek(0)
             with copy.open('wb') as whole:
                 shutil.copyfileobj(stream, whole)
                 whole.truncate(size - left)
-        self.faults.append(f'{self.path.name} was cut off: its last {left} bytes are no whole page')
+        if left:
+            self.faults.append(f'{self.path.name} was cut off: its last {left} bytes are no whole page')
         return copy
 
     def messages(self, topics: Collection[str], start_ns: int, end_ns: int) -> Iterator[RawMessage]:
         """The sound messages of some topics within a half-open interval, by log time; see `faults` afterwards."""
-        wanted = {number: channel for number, channel in self._topics.items() if channel.topic in topics}
+        wanted = {number: channel for number, channel in self._topics.items()
+                  if channel.topic in topics and not channel.left_out}
         rows = self._by_time() if self._rows is None else self._rescued(self._rows)
         try:
             for number, log_ns, data in rows:
@@ -140,10 +161,15 @@ class SqliteFile:
         with suppress(*_UNREADABLE):  # databases older than Iron have no definitions
             for name, encoding, text in self._database.execute(
                     'SELECT topic_type, encoding, encoded_message_definition FROM message_definitions'):
-                definitions[str(name)] = str(text), _ENCODINGS.get(str(encoding), '')
+                definitions[full_type_name(str(name))] = str(text), _ENCODINGS.get(str(encoding), '')
         rows = self._database.execute('SELECT id, name, type, serialization_format FROM topics').fetchall()
-        return {number: Channel(str(name), str(kind), *definitions.get(str(kind), ('', '')), 0)
-                for number, name, kind, form in rows if form == 'cdr' and isinstance(number, int)}
+        topics: dict[int, Channel] = {}
+        for number, name, type_name, form in rows:
+            if isinstance(number, int):
+                kind = full_type_name(str(type_name))
+                definition, encoding = definitions.get(kind, ('', ''))
+                topics[number] = Channel(str(name), kind, definition, encoding, 0, why_left_out(str(form or '')))
+        return topics
 
     def _sound_rows(self) -> list[tuple[int, int, int]]:
         """Log time, topic and id of the messages that can be reached from either end of a damaged table."""
@@ -171,8 +197,12 @@ def _text(content: bytes) -> str:
     return content.decode(errors='replace')
 
 
+def _log_of(path: Path) -> Path:
+    return path.with_name(f'{path.name}-wal')
+
+
 def _address(path: Path) -> str:
     """A database whose writer was interrupted may have its last messages in a log beside it."""
-    log = path.with_name(f'{path.name}-wal')
+    log = _log_of(path)
     unfinished = log.exists() and log.stat().st_size > 0
     return f'file:{quote(str(path.absolute()))}?{"mode=ro" if unfinished else "immutable=1"}'

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from polymap_ros.atomic import move_into_place, staging
+from polymap_ros.atomic import check_writable, move_into_place, staging
 from polymap_ros.errors import RecordingError
 
 STORAGES = ('mcap', 'sqlite3')
@@ -33,6 +33,8 @@ class RecordingWriter:
         Topics recorded as transient local, so that a player keeps their last message for late joiners.
     companions : dict of str to bytes, optional
         Files that come with the recording: in its directory, or beside a bare file.
+    compressed : bool
+        Whether the chunks of an MCAP are compressed, by zstd.
 
     Raises
     ------
@@ -42,7 +44,7 @@ class RecordingWriter:
 
     def __init__(
         self, path: Path, storage: str = 'mcap', latched: Collection[str] = (),
-        companions: Mapping[str, bytes] = MappingProxyType({}),
+        companions: Mapping[str, bytes] = MappingProxyType({}), compressed: bool = False,
     ) -> None:
         if storage not in STORAGES:
             raise RecordingError(f'{path}: storage {storage!r} is not known; allowed: {" | ".join(STORAGES)}')
@@ -51,18 +53,22 @@ class RecordingWriter:
         self._bare = path.suffix in _SUFFIXES
         self._latched = frozenset(latched)
         self._companions = companions
+        self._compressed = compressed
         self._connections: dict[tuple[str, str], Any] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> 'RecordingWriter':
-        from rosbags.rosbag2 import StoragePlugin, Writer
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
         self._refuse_to_overwrite()
+        check_writable(self.path.parent, self.path)
         with ExitStack() as stack:
             self._stage = stack.enter_context(staging(self.path))
             self._folder = self._stage / ('recording' if self._bare else self.path.name)
             plugin = StoragePlugin.MCAP if self._storage == 'mcap' else StoragePlugin.SQLITE3
             self._writer = Writer(self._folder, version=9, storage_plugin=plugin)
+            if self._compressed:
+                self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
             self._writer.open()
             self._stack = stack.pop_all()
         return self
@@ -95,19 +101,32 @@ class RecordingWriter:
     def write(self, topic: str, message: Any, log_ns: int) -> None:
         """Append a message of rosbags (see `make`) at a log time [ns]."""
         type_name = message.__msgtype__
+        self.declare(topic, type_name)
+        raw = typestore().serialize_cdr(message, type_name)
+        self._writer.write(self._connections[topic, type_name], log_ns, raw)
+
+    def declare(self, topic: str, type_name: str) -> None:
+        """Say that there is a topic, be there a message or not."""
         if (topic, type_name) not in self._connections:
             self._connections[topic, type_name] = self._writer.add_connection(
                 topic, type_name, typestore=typestore(), offered_qos_profiles=[_qos(topic in self._latched)]
             )
-        raw = typestore().serialize_cdr(message, type_name)
-        self._writer.write(self._connections[topic, type_name], log_ns, raw)
 
     def _refuse_to_overwrite(self) -> None:
-        if self.path.exists():
+        if _is_taken(self.path):
             raise RecordingError(f'{self.path}: exists already and is not overwritten')
         for path in (self.path.with_name(name) for name in self._companions if self._bare):
-            if path.exists():
+            if _is_taken(path):
                 raise RecordingError(f'{path}: may belong to another recording; choose a folder without one')
+
+
+def _is_taken(path: Path) -> bool:
+    """Whether something has this name, a link that leads nowhere included; an `OSError` where nothing can have it."""
+    try:
+        path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return True
 
 
 @functools.cache

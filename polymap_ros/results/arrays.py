@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.errors import StateError
-from polymap_ros.mapping.beamforming import BeamformingMap
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.maps.beamforming import BeamformingMap
 
 STATE_FORMAT = 'polymap-state/1'
 

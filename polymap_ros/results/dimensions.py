@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.mapping.estimate import Candidate, Edge
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.solvers.estimate import Candidate, Edge
 
 
 class Dimensions(NamedTuple):
@@ -32,6 +33,24 @@ class Dimensions(NamedTuple):
     area_std_m2: float
 
 
+_FAR = 10.0
+"""Extents from the origin, from which the deviation of r is mostly that of theta over the way there."""
+
+
+def seen_from_afar(polygon: Candidate) -> tuple[float, float]:
+    """Return how far the origin is [m], and the largest deviation of an edge across itself at its middle [m].
+
+    The former is 0 where the origin is near enough for r to speak of the wall; the latter is nan where it is not known.
+    """
+    corners = np.asarray(polygon.vertices, dtype=float)
+    distance_m = float(np.hypot(*corners.mean(axis=0)))
+    if distance_m <= _FAR * float(np.ptp(corners, axis=0).max()):
+        return 0.0, np.nan
+    middles = 0.5 * (corners + np.roll(corners, -1, axis=0))
+    near = [edge.moved(Pose(-x, -y)).r_std for edge, (x, y) in zip(polygon.edges, middles.tolist(), strict=True)]
+    return distance_m, max((np.nan if std is None else std for std in near), default=np.nan)
+
+
 def dimensions(polygon: Candidate) -> Dimensions:
     """Measure a polygon."""
     corners = np.asarray(polygon.vertices, dtype=float)
@@ -50,11 +69,12 @@ def dimensions(polygon: Candidate) -> Dimensions:
     across = np.roll(corners, -1, axis=0) - np.roll(corners, 1, axis=0)
     by_area = 0.5 * np.einsum('k,kp->p', across[:, 1], moved[:, 0]) - 0.5 * np.einsum(
         'k,kp->p', across[:, 0], moved[:, 1])
+    near = corners - np.round(corners.mean(axis=0), -1)  # of UTM coordinates the products lose whole square decimetres
     covariance = _covariance(polygon.edges) if polygon.covariance is None else polygon.covariance
     return Dimensions(
         lengths, _deviations(by_length, covariance),
         np.pi - turns, _deviations(by_angle.reshape(n, 2 * n), covariance),
-        0.5 * float(np.sum(_cross(corners, np.roll(corners, -1, axis=0)))),
+        0.5 * float(np.sum(_cross(near, np.roll(near, -1, axis=0)))),
         float(_deviations(by_area[None], covariance)[0]))
 
 

@@ -1,17 +1,17 @@
 """polygon.csv, polygon.geojson and polygon.dxf: the answer for spreadsheets, maps and drawings."""
 
 import csv
-import importlib.util
+import importlib
 import io
 from collections.abc import Iterator
 
 import numpy as np
 
-from polymap_ros.errors import UsageError
-from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
-from polymap_ros.mapping.plane import XY, Plane
+from polymap_ros.errors import UsageError, in_words
+from polymap_ros.geometry.plane import XY, Plane
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.polygon_json import encode, plane_axes
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 FORMATS = ('csv', 'geojson', 'dxf')
 OUTLINE, LABELS = 'POLYMAP_OUTLINE', 'POLYMAP_LABELS'
@@ -25,8 +25,17 @@ _LABEL_HEIGHT = 0.025
 
 def require_ezdxf() -> None:
     """Raise `UsageError` where drawings cannot be written."""
-    if importlib.util.find_spec('ezdxf') is None:
-        raise UsageError("--export dxf needs ezdxf: pip install 'polymap_ros[export]'")
+    try:
+        importlib.import_module('ezdxf')
+    except ModuleNotFoundError:
+        raise UsageError("--export dxf needs ezdxf: pip install 'polymap_ros[export]'") from None
+    except Exception as error:  # a configuration that it refuses
+        raise UsageError(f'--export dxf needs ezdxf, which cannot be started: {in_words(error)}') from error
+
+
+def is_exported(kind: str, estimate: Estimate) -> bool:
+    """Return whether there is something to write in a format."""
+    return estimate.status == 'closed' or (kind == 'csv' and bool(estimate.walls))
 
 
 def exported(kind: str, estimate: Estimate, frame_id: str, plane: Plane = XY) -> bytes | None:
@@ -43,11 +52,11 @@ def exported(kind: str, estimate: Estimate, frame_id: str, plane: Plane = XY) ->
     plane : Plane
         Coordinates are those of this plane.
     """
-    polygon = estimate.polygon if estimate.status == 'closed' else None
-    if kind == 'csv':
-        return _csv(polygon, estimate.walls) if polygon or estimate.walls else None
-    if polygon is None:
+    if not is_exported(kind, estimate):
         return None
+    polygon = estimate.polygon if estimate.status == 'closed' else None
+    if kind == 'csv' or polygon is None:
+        return _csv(polygon, estimate.walls)
     return _geojson(polygon, estimate, frame_id, plane) if kind == 'geojson' else _dxf(polygon)
 
 
@@ -75,7 +84,7 @@ def _ends(polygon: Candidate) -> Iterator[list[float | None]]:
 
 
 def _cell(value: float | None) -> str:
-    return '' if value is None or not np.isfinite(value) else f'{round(float(value), 9) + 0.0:.9g}'
+    return '' if value is None or not np.isfinite(value) else f'{round(float(value), 9) + 0.0:.16g}'
 
 
 def _geojson(polygon: Candidate, estimate: Estimate, frame_id: str, plane: Plane) -> bytes:

@@ -5,11 +5,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polymap_ros.errors import ParameterError
+from polymap_ros.cautions import Caution
 from polymap_ros.parameters import Parameters
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MAX_CELLS = 50_000_000
+"""50 MB as an image and as a message: a place of 35 x 35 m in cells of 5 mm."""
+_DECADES = 12
 
 
 class Occupancy(NamedTuple):
@@ -30,6 +32,13 @@ class Occupancy(NamedTuple):
     resolution_m: float
 
 
+class CellSize(NamedTuple):
+    """How large the cells of a map are [m], None where there is no map; and a warning where that is not as expected."""
+
+    resolution_m: float | None
+    caution: Caution | None = None
+
+
 def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occupancy:
     """Draw a polygon into a grid.
 
@@ -47,16 +56,13 @@ def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occu
 
     Raises
     ------
-    ParameterError
-        Where the grid would have more than `MAX_CELLS` cells.
+    ValueError
+        Where the grid would have more than `MAX_CELLS` cells; `cell_size` finds a size that fits.
     """
     corners = np.asarray(vertices, dtype=float)
-    low = np.floor((corners.min(axis=0) - margin_m) / resolution_m)
-    high = np.ceil((corners.max(axis=0) + margin_m) / resolution_m)
-    columns, rows = high - low + 1.0
-    if not columns * rows <= MAX_CELLS:
-        raise ParameterError('map.resolution_m', f'{resolution_m!r} makes a map of {columns * rows:.3g} cells; '
-                                                 f'allowed: up to {MAX_CELLS:.0e}')
+    if not cells_of(corners, resolution_m, margin_m) <= MAX_CELLS:
+        raise ValueError(f'{resolution_m:g} m: more than {MAX_CELLS:.0e} cells')
+    low, (columns, rows) = _frame(corners, resolution_m, margin_m)
     cells = np.full((int(rows), int(columns)), UNKNOWN, dtype=np.int8)
     scaled = corners / resolution_m - low
     cells[_inside(scaled, cells.shape)] = FREE
@@ -66,9 +72,53 @@ def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occu
     return Occupancy(cells, (float(low[0] * resolution_m), float(low[1] * resolution_m)), resolution_m)
 
 
-def occupancy_of(vertices: ArrayLike, parameters: Parameters) -> Occupancy:
-    """The grid that the ``map`` parameters ask for."""
-    return occupancy(vertices, parameters.map.resolution_m or parameters.grid.range_step_m, parameters.map.margin_m)
+def occupancy_of(vertices: ArrayLike, parameters: Parameters) -> Occupancy | None:
+    """Draw the grid that the ``map`` parameters ask for; None where it would be too large."""
+    resolution_m = cell_size(vertices, parameters).resolution_m
+    return None if resolution_m is None else occupancy(vertices, resolution_m, parameters.map.margin_m)
+
+
+def cell_size(vertices: ArrayLike, parameters: Parameters) -> CellSize:
+    """Return the size of the cells that the ``map`` parameters ask for, for a polygon.
+
+    By itself it is ``grid.range_step_m``, or 2, 5, 10, 20, ... times that where the map would have more than
+    `MAX_CELLS` cells.
+    """
+    corners = np.asarray(vertices, dtype=float)
+    given_m, usual_m, margin_m = parameters.map.resolution_m, parameters.grid.range_step_m, parameters.map.margin_m
+    wanted_m = given_m or usual_m
+    sizes_m = (usual_m * digit * 10.0**power for power in range(_DECADES) for digit in (1.0, 2.0, 5.0))
+    fits = (size_m for size_m in sizes_m if cells_of(corners, size_m, margin_m) <= MAX_CELLS)
+    cells = cells_of(corners, wanted_m, margin_m)
+    if cells <= MAX_CELLS:
+        return CellSize(wanted_m)
+    chosen_m = next(fits, None)
+    width_m, height_m = np.ptp(corners, axis=0)
+    place, most = f'a place of {width_m:.4g} x {height_m:.4g} m', f'a map has {MAX_CELLS:.0e} at most'
+    if given_m or chosen_m is None:
+        remedy = 'judge by the vertices whether that is a place' if chosen_m is None else (
+            f'set map.resolution_m to {chosen_m:g}, or to 0, which chooses it by itself')
+        return CellSize(None, Caution(
+            'map_too_large', f'there is no map: {place} has {cells:.2g} cells of {wanted_m:g} m, and {most}', remedy))
+    return CellSize(chosen_m, Caution('map_coarse', (
+        f'the cells of the map are {chosen_m:g} m wide, not {usual_m:g} m (grid.range_step_m), as {place} has '
+        f'{cells:.2g} of those, and {most}')))
+
+
+def cells_of(corners: NDArray[np.float64], resolution_m: float, margin_m: float) -> float:
+    """Return the number of cells of a grid around corners; infinite or not a number where they are."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        _, (columns, rows) = _frame(corners, resolution_m, margin_m)
+        return float(columns * rows)
+
+
+def _frame(
+    corners: NDArray[np.float64], resolution_m: float, margin_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lowest cell, and the number of columns and rows."""
+    low = np.floor((corners.min(axis=0) - margin_m) / resolution_m)
+    high = np.ceil((corners.max(axis=0) + margin_m) / resolution_m)
+    return low, high - low + 1.0
 
 
 def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:

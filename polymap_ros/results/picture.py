@@ -1,17 +1,17 @@
 """polygon.png: the mapped room and the beamforming map side by side, as in Fig. 2 of the paper."""
 
-import importlib.util
+import importlib
 import io
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.errors import UsageError
-from polymap_ros.mapping.estimate import Edge, Estimate
+from polymap_ros.errors import UsageError, in_words
+from polymap_ros.geometry.plane import XY
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.plane import XY
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.solvers.estimate import Edge, Estimate
 
 _TRUTH = {'color': '#d62728', 'linestyle': (0, (5, 3)), 'linewidth': 1.8}
 _EDGE = {'color': '#2ca02c', 'linewidth': 2.2}
@@ -20,6 +20,8 @@ _CANDIDATES: tuple[dict[str, Any], ...] = (
     {'color': '#9467bd', 'linewidth': 1.8, 'linestyle': (0, (4, 1, 1, 1))},
 )
 _PATH = {'color': 'black', 'linewidth': 0.7, 'marker': 'o', 'markersize': 2.4}
+_OTHERS: dict[str, dict[str, Any]] = {
+    'reported path': {'color': '0.6', 'linewidth': 1.0}, 'true path': {'color': '#d62728', 'linewidth': 0.8}}
 _ARROW = {'arrowstyle': '-|>', 'color': '#1f77b4', 'linewidth': 1.5, 'shrinkA': 0, 'shrinkB': 0}
 _RECTANGLE_M, _RECTANGLE_DEG = 0.05, 14.0
 """Size of the red rectangles, as a share of the drawn range and in degrees."""
@@ -29,15 +31,23 @@ _HEADROOM = 2.5
 
 def require_matplotlib() -> None:
     """Raise `UsageError` where pictures cannot be drawn."""
-    if importlib.util.find_spec('matplotlib') is None:
-        raise UsageError("a picture needs matplotlib: pip install 'polymap_ros[plot]'")
+    try:
+        importlib.import_module('matplotlib.figure')
+    except ModuleNotFoundError:
+        raise UsageError("a picture needs matplotlib: pip install 'polymap_ros[plot]'") from None
+    except Exception as error:  # a configuration that it refuses, such as MPLBACKEND
+        raise UsageError(f'a picture needs matplotlib, which cannot be started: {in_words(error)}') from error
 
 
-def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.float64] | None = None) -> bytes:
+def picture_png(
+    mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.float64] | None = None,
+    true_path: tuple[NDArray[np.int64], NDArray[np.float64]] | None = None,
+) -> bytes:
     """Draw the answer.
 
     Left, in the odometry's frame: the truth dashed red where it is known, the estimated edges green with their numbers,
-    the sensor's path and the pings black, and the axes of the start frame O. Right, in the start frame: the
+    the sensor's path and the pings black, and the axes of the start frame O. Where poses were estimated, the reported
+    path is grey, and the true one, where it is known, thin red. Right, in the start frame: the
     beamforming map L / max L of eq. (4), with a red rectangle at each retrieved edge.
 
     Parameters
@@ -48,6 +58,8 @@ def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.flo
         In the odometry's frame.
     truth : ndarray, shape (n, 2), optional
         Corners of the true polygon [m].
+    true_path : tuple of ndarray, optional
+        Stamps and true poses of the robot's base.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -56,8 +68,9 @@ def picture_png(mapper: PolygonMapper, estimate: Estimate, truth: NDArray[np.flo
     FigureCanvasAgg(figure)
     room, image = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     start = mapper.start_pose or Pose(0.0, 0.0)
-    frame = (mapper.plane or XY).named(mapper.frame_id or 'the odometry frame')
-    _draw_room(room, frame, estimate, start, start.apply(mapper.places.positions), truth)
+    frame = (mapper.plane or XY).named(mapper.map_frame or 'the odometry frame')
+    others = _other_paths(mapper, estimate, start, true_path)
+    _draw_room(room, frame, estimate, start, start.apply(mapper.surroundings.positions), truth, others)
     _draw_beam_map(figure, image, mapper, estimate.moved(start.inverse()))
     figure.suptitle(_title(estimate, mapper.places.count))
     buffer = io.BytesIO()
@@ -76,8 +89,10 @@ def _title(estimate: Estimate, pings: int) -> str:
 
 def _draw_room(
     axes: Any, frame: str, estimate: Estimate, start: Pose, path: NDArray[np.float64],
-    truth: NDArray[np.float64] | None,
+    truth: NDArray[np.float64] | None, others: dict[str, NDArray[np.float64]],
 ) -> None:
+    for name, other in others.items():
+        axes.plot(*other.T, **_OTHERS[name], label=name, zorder=3)
     if truth is not None:
         axes.plot(*_ring(truth).T, **_TRUTH, label='truth', zorder=3)
     if estimate.polygon is not None:
@@ -86,7 +101,7 @@ def _draw_room(
         style = _CANDIDATES[k % len(_CANDIDATES)]
         axes.plot(*_ring(candidate.vertices).T, **style, label=f'candidate {k + 1}', zorder=2)
     axes.plot(*path.T, **_PATH, label='path and pings', zorder=4)
-    _fit(axes, [path, *([truth] if truth is not None else []),
+    _fit(axes, [path, *others.values(), *([truth] if truth is not None else []),
                 *(candidate.vertices for candidate in (estimate.polygon, *estimate.alternatives) if candidate)])
     for edge in estimate.walls:
         axes.axline(*_two_points(edge), **_EDGE, label='certain walls', zorder=2)
@@ -98,6 +113,17 @@ def _draw_room(
     axes.grid(color='0.92', linewidth=0.6)
     axes.set_axisbelow(True)
     _draw_legend(axes)
+
+
+def _other_paths(
+    mapper: PolygonMapper, estimate: Estimate, start: Pose,
+    true_path: tuple[NDArray[np.int64], NDArray[np.float64]] | None,
+) -> dict[str, NDArray[np.float64]]:
+    """The reported path, and the true one, of the base; none where the reported one is the answer's."""
+    if estimate.trajectory is None:
+        return {}
+    paths = {'reported path': start.apply(mapper.path_log.poses[:, :2])}
+    return paths if true_path is None else {**paths, 'true path': true_path[1][:, :2]}
 
 
 def _draw_legend(axes: Any) -> None:
@@ -146,7 +172,7 @@ def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Esti
     from matplotlib.patches import Rectangle
     from matplotlib.ticker import MultipleLocator
 
-    beam_map = mapper.beam_map
+    beam_map = mapper.surroundings.beam_map
     theta_deg, r_m = np.rad2deg(beam_map.theta_rad), beam_map.r_m
     half_deg, half_m = 0.5 * (theta_deg[-1] - theta_deg[0]) / len(theta_deg), 0.5 * (r_m[1] - r_m[0])
     extent = (theta_deg[0] - half_deg, theta_deg[-1] + half_deg, r_m[0] - half_m, r_m[-1] + half_m)

@@ -7,20 +7,22 @@ from pathlib import PurePath
 from typing import Any
 
 from polymap_ros import __version__
-from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
-from polymap_ros.mapping.ping_queue import PingCounts
-from polymap_ros.mapping.plane import XY, Plane
-from polymap_ros.parameters import Parameters
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.lines import wrapped
+from polymap_ros.geometry.plane import XY, Plane
+from polymap_ros.hearing.ping_queue import PingCounts
+from polymap_ros.parameters import Parameters, specifications
 from polymap_ros.results.dimensions import dimensions
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, Trajectory
 from polymap_ros.specification import Value
 
 FORMAT = 'polymap/1'
-_FILE_PARAMETERS = ('pulse.path', 'output.dir', 'output.load_path')
+_FILE_PARAMETERS = {spec.name for spec in specifications() if spec.is_path}
 
 
 def polygon_document(
     estimate: Estimate, frame_id: str, counts: PingCounts, parameters: Parameters, cautions: Sequence[Caution] = (),
-    plane: Plane = XY,
+    plane: Plane = XY, recording: str | None = None, lost: int | None = None,
 ) -> dict[str, Any]:
     """The content of polygon.json.
 
@@ -38,10 +40,15 @@ def polygon_document(
         Further warnings beside the estimate's own, such as a recording's.
     plane : Plane
         Coordinates of the estimate are those of this plane; what is not the frame's own xy plane is written down.
+    recording : str, optional
+        Name of the recording that was replayed; none in the node.
+    lost : int, optional
+        Pings that fit no place; by default of those whose echoes are kept.
     """
     closed = estimate.polygon if estimate.status == 'closed' else None
     return {
-        'format': FORMAT, 'status': estimate.status, 'frame_id': frame_id,
+        'format': FORMAT, 'recording': recording and recording.encode('utf-8', 'backslashreplace').decode(),
+        'status': estimate.status, 'frame_id': frame_id,
         **({} if plane.is_xy else {'plane': plane_axes(plane)}), 'stamp_ns': int(estimate.stamp_ns),
         'method': estimate.method,
         **(_candidate(closed) if closed else {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
@@ -52,10 +59,23 @@ def polygon_document(
             'received': int(counts.received), 'used': int(counts.used),
             'dropped': {reason: int(number) for reason, number in sorted(counts.dropped.items())},
         },
+        'trajectory': _trajectory(estimate.trajectory, int(counts.used), lost),
         'warnings': [{'code': each.code, 'text': each.text} for each in (*estimate.cautions, *cautions)],
         'parameters': {name: _shown(name, value) for name, value in parameters.flat().items()},
         'software': {'polymap_ros': __version__},
     }
+
+
+def _trajectory(path: Trajectory | None, used: int, lost: int | None) -> dict[str, Any]:
+    """How many pings have a place, how well the worst fits there, and what corrects the odometry at the last."""
+    if path is None:
+        return {'pings': used, 'localised': used, 'lost': 0, 'consistency_min': None, 'map_to_odom': [0.0, 0.0, 0.0],
+                'corrected': False}
+    lost, off = int(path.lost.sum()) if lost is None else lost, path.map_to_odom
+    placed = path.consistency[~path.lost]
+    return {'pings': used, 'localised': used - lost, 'lost': lost,
+            'consistency_min': _number(float(placed.min())) if placed.size else None,
+            'map_to_odom': [_number(off.x), _number(off.y), _number(float(wrapped(off.yaw)))], 'corrected': True}
 
 
 def plane_axes(plane: Plane) -> dict[str, Any]:

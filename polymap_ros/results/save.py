@@ -1,69 +1,70 @@
 """What a run leaves behind: the files of interface.md, for the replay and for the node's save service."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from polymap_ros.mapping.estimate import Caution, Estimate
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.plane import XY
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.plane import XY
 from polymap_ros.parameters import Parameters
 from polymap_ros.results import folder as names
-from polymap_ros.results.arrays import beam_map_npz, state_npz
-from polymap_ros.results.export import exported
+from polymap_ros.results.arrays import state_npz
+from polymap_ros.results.folder import Entry
 from polymap_ros.results.map_files import map_yaml, pgm
-from polymap_ros.results.occupancy import occupancy_of
-from polymap_ros.results.picture import picture_png
+from polymap_ros.results.occupancy import cell_size, occupancy_of
 from polymap_ros.results.polygon_json import encode, polygon_document
+from polymap_ros.results.tum import tum
+from polymap_ros.solvers.estimate import Estimate
 
 
-def write_results(
-    stage: Path, mapper: PolygonMapper, estimate: Estimate, parameters: Parameters, *,
-    cautions: Sequence[Caution] = (), truth: NDArray[np.float64] | None = None,
-    plot: bool = False, save_map: bool = False, exports: Sequence[str] = (),
-) -> None:
-    """Write polygon.json and state.npz, map.pgm and map.yaml of a closed polygon, and what else is asked for.
+def answer(
+    mapper: PolygonMapper, estimate: Estimate, parameters: Parameters, cautions: Sequence[Caution] = (),
+    recording: str | None = None,
+) -> tuple[Entry, ...]:
+    """Return the files that hold what was computed: polygon.json, state.npz and trajectory.tum.
 
     Parameters
     ----------
-    stage : Path
-        Of `polymap_ros.results.folder.result_folder`.
     mapper : PolygonMapper
-        Holds the counts, the beamforming map and the path.
+        Holds the counts and the state.
     estimate : Estimate
         In the odometry's frame.
     parameters : Parameters
         Those in force.
     cautions : sequence of Caution
         Warnings beside the estimate's own.
-    truth : ndarray, shape (n, 2), optional
-        Corners of the true polygon [m], for the picture.
-    plot, save_map : bool
-        Whether to write polygon.png and beam_map.npz.
-    exports : sequence of str
-        Formats of `polymap_ros.results.export` to write ``polygon.<format>`` in, where there is something to write.
-
-    Raises
-    ------
-    ParameterError
-        Where `map.resolution_m` makes a map beyond reason.
-    OSError
-        Where a file cannot be written.
+    recording : str, optional
+        Name of the recording that was replayed.
     """
-    document = polygon_document(
-        estimate, mapper.frame_id, mapper.counts, parameters, cautions, mapper.plane or XY)
-    (stage / names.POLYGON).write_bytes(encode(document))
-    (stage / names.STATE).write_bytes(state_npz(mapper.state()))
-    if estimate.status == 'closed' and estimate.polygon is not None:
-        grid = occupancy_of(estimate.polygon.vertices, parameters)
-        (stage / names.MAP_IMAGE).write_bytes(pgm(grid))
-        (stage / names.MAP_YAML).write_bytes(map_yaml(grid, names.MAP_IMAGE))
-    if plot:
-        (stage / names.PICTURE).write_bytes(picture_png(mapper, estimate, truth))
-    if save_map:
-        (stage / names.BEAM_MAP).write_bytes(beam_map_npz(mapper.beam_map, mapper.start_pose))
-    for kind in exports:
-        if (content := exported(kind, estimate, mapper.frame_id, mapper.plane or XY)) is not None:
-            (stage / f'polygon.{kind}').write_bytes(content)
+    path = mapper.path()
+
+    def polygon() -> bytes:
+        return encode(polygon_document(
+            estimate, mapper.map_frame, mapper.counts, parameters, cautions, mapper.plane or XY, recording,
+            int(path.lost.sum())))
+
+    return (Entry.of(names.POLYGON, polygon), Entry.of(names.STATE, lambda: state_npz(mapper.state())),
+            Entry.of(names.TRAJECTORY, lambda: tum(path.stamps_ns[~path.lost], path.poses[~path.lost])))
+
+
+def map_files(estimate: Estimate, parameters: Parameters) -> Iterator[Entry]:
+    """Give map.pgm and map.yaml of a closed polygon that cells of the size asked for can hold."""
+    closed = estimate.polygon if estimate.status == 'closed' else None
+    if closed is None or cell_size(closed.vertices, parameters).resolution_m is None:
+        return
+
+    def write(folder: Path) -> None:
+        grid = occupancy_of(closed.vertices, parameters)
+        if grid is not None:
+            (folder / names.MAP_IMAGE).write_bytes(pgm(grid))
+            (folder / names.MAP_YAML).write_bytes(map_yaml(grid, names.MAP_IMAGE))
+
+    yield Entry((names.MAP_IMAGE, names.MAP_YAML), write)
+
+
+def map_cautions(estimate: Estimate, parameters: Parameters) -> list[Caution]:
+    """Say where a closed polygon has no map, or one of cells larger than usual."""
+    if estimate.status != 'closed' or estimate.polygon is None:
+        return []
+    caution = cell_size(estimate.polygon.vertices, parameters).caution
+    return [caution] if caution else []

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadPing
+from polymap_ros.hearing.signals import Signals
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.signals import Signals
 
 _FLOOR_DB = -50.0
 _BLANKED = {'color': '#d62728', 'alpha': 0.12, 'linewidth': 0.0}

@@ -4,17 +4,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from polymap_ros.mapping.comparison import Comparison
-from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
-from polymap_ros.mapping.ping_queue import PingCounts
-from polymap_ros.results.dimensions import dimensions
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.alignment import PathError
+from polymap_ros.geometry.polygon_error import Comparison
+from polymap_ros.hearing.ping_queue import PingCounts
+from polymap_ros.results.dimensions import dimensions, seen_from_afar
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+
+_NARROWEST = 7
+"""Characters of a column, so that small rooms have tables alike."""
 
 _DEGREES = float(np.rad2deg(1.0))
 
 
 def summary(
     estimate: Estimate, frame_id: str, counts: PingCounts, cautions: Sequence[Caution] = (),
-    comparison: Comparison | None = None,
+    comparison: Comparison | None = None, path_error: PathError | None = None,
 ) -> str:
     """The answer in words and tables.
 
@@ -27,9 +32,11 @@ def summary(
     counts : PingCounts
         What became of the pings.
     cautions : sequence of Caution
-        Warnings beside the estimate's own.
+        Warnings to be told here.
     comparison : Comparison, optional
-        With the ground truth.
+        With the ground truth, aligned where there is a true path.
+    path_error : PathError, optional
+        Of the path.
     """
     lines = [_headline(estimate)]
     if estimate.polygon is not None:
@@ -43,7 +50,10 @@ def summary(
         lines.append(f'IoU with the free area: {estimate.iou_free_area:.4f}')
     if comparison is not None:
         lines += _comparison_lines(comparison)
-    lines += [f'warning ({each.code}): {each.text}' for each in (*estimate.cautions, *cautions)]
+    if path_error is not None:
+        lines.append(f'  path, after the best rigid motion: ATE {1e3 * path_error.ate_m:.3f} mm, worst ping '
+                     f'{1e3 * path_error.worst_m:.3f} mm, heading {np.rad2deg(path_error.heading_rad):.3f} deg rms')
+    lines += [f'warning ({each.code}): {each.text}' for each in cautions]
     return '\n'.join(lines)
 
 
@@ -63,33 +73,46 @@ def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
     columns = zip(polygon.vertices, sizes.lengths_m, sizes.length_stds_m, sizes.angles_rad, sizes.angle_stds_rad,
                   strict=True)
     rows = [
-        f'{i:6d}{_fixed(x):>10}{_fixed(y):>10}{length:12.5f}{_deviation(length_std, 1e3):>9}'
-        f'{np.rad2deg(angle):14.3f}{_deviation(angle_std, _DEGREES):>10}'
+        (str(i), _fixed(x), _fixed(y), f'{length:.5f}', _deviation(length_std, 1e3), f'{np.rad2deg(angle):.3f}',
+         _deviation(angle_std, _DEGREES))
         for i, ((x, y), length, length_std, angle, angle_std) in enumerate(columns)
     ]
     extent_m = max(np.ptp(polygon.vertices, axis=0))
     shown = frame_id if frame_id.isprintable() else repr(frame_id)
     spread = f' +- {1e4 * sizes.area_std_m2:.2g} cm2' if np.isfinite(sizes.area_std_m2) else ''
     return [
-        '  edge     x [m]     y [m]  length [m]  +- [mm]  corner [deg]  +- [deg]',
-        *rows,
-        *_edge_table(polygon.edges),
+        *_table(('edge', 'x [m]', 'y [m]', 'length [m]', '+- [mm]', 'corner [deg]', '+- [deg]'), rows),
+        *_edge_table(polygon.edges), *_far_away(polygon),
         f'area {sizes.area_m2:.6g} m2{spread}, extent {extent_m:.4g} m, corners counter-clockwise in '
         f'{shown or "the odometry frame"}',
     ]
 
 
+def _far_away(polygon: Candidate) -> list[str]:
+    """Say what r and its deviation are about where the origin is so far that they tell little of the wall."""
+    distance_m, spread_m = seen_from_afar(polygon)
+    if not distance_m:
+        return []
+    good = f'; at their middles the edges are good to {1e3 * spread_m:.2g} mm' if np.isfinite(spread_m) else ''
+    return [f"r and its deviation are about the frame's origin, {distance_m:.0f} m away{good}"]
+
+
 def _edge_table(edges: Sequence[Edge]) -> list[str]:
-    return [
-        '  edge     r [m]  +- [mm]  theta [deg]  +- [deg]  likelihood  pings',
-        *(f'{i:6d}{_edge_cells(edge)}' for i, edge in enumerate(edges)),
-    ]
+    return _table(('edge', 'r [m]', '+- [mm]', 'theta [deg]', '+- [deg]', 'likelihood', 'pings'),
+                  [(str(i), *_edge_cells(edge)) for i, edge in enumerate(edges)])
 
 
-def _edge_cells(edge: Edge) -> str:
-    r_std, theta_std = _deviation(edge.r_std, 1e3), _deviation(edge.theta_std, _DEGREES)
-    theta_deg = _fixed(np.rad2deg(edge.theta), 3)
-    return f'{_fixed(edge.r):>10}{r_std:>9}{theta_deg:>13}{theta_std:>10}{edge.likelihood:12.3f}{edge.pings:7d}'
+def _edge_cells(edge: Edge) -> tuple[str, ...]:
+    return (_fixed(edge.r), _deviation(edge.r_std, 1e3), _fixed(np.rad2deg(edge.theta), 3),
+            _deviation(edge.theta_std, _DEGREES), f'{edge.likelihood:.3f}', str(edge.pings))
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Columns to the right, two spaces apart, that numbers of any size do not run out of."""
+    lines = [heads, *rows]
+    widths = [max(_NARROWEST, *(len(line[k]) for line in lines)) for k in range(len(heads))]
+    widths[0] = max(len(line[0]) for line in lines)
+    return ['  ' + '  '.join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
 
 
 def _fixed(value: float, digits: int = 5) -> str:

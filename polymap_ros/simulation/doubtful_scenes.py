@@ -37,7 +37,7 @@ class Doubtful:
 
 
 @dataclass(frozen=True)
-class Kind:
+class DoubtfulKind:
     """How a scene is made from its seed and number of edges, and whether an answer without a warning is a fault."""
 
     text: str
@@ -184,19 +184,19 @@ ORDINARY = 'ordinary'
 """The kind that is to be flagged as rarely as can be."""
 
 KINDS = {
-    'straight': Kind('straight path', _along_a_line(0.0)),
-    'nearly_straight': Kind('path 1.5 % as wide as long', _along_a_line(0.015)),
-    'bent': Kind('path 5 % as wide as long', _along_a_line(0.05), must_be_flagged=False),
-    'unheard': Kind('one wall reflects nothing', _unheard),
-    'l_shape': Kind('L-shaped outline', _not_convex(l_shape)),
-    't_shape': Kind('T-shaped outline', _not_convex(t_shape)),
-    'seam': Kind('seam across the room that reflects half the amplitude', _seam(1.0)),
-    'stiffener': Kind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
-    'mode_0db': Kind('S0 as strong as A0', _second_mode(1.0)),
-    'mode_-10db': Kind('S0 10 dB below A0', _second_mode(10.0**-0.5)),
-    'wrong_speeds': Kind('both speeds of the plate taken 20 % too low', _mistaken(
+    'straight': DoubtfulKind('straight path', _along_a_line(0.0)),
+    'nearly_straight': DoubtfulKind('path 1.5 % as wide as long', _along_a_line(0.015)),
+    'bent': DoubtfulKind('path 5 % as wide as long', _along_a_line(0.05), must_be_flagged=False),
+    'unheard': DoubtfulKind('one wall reflects nothing', _unheard),
+    'l_shape': DoubtfulKind('L-shaped outline', _not_convex(l_shape)),
+    't_shape': DoubtfulKind('T-shaped outline', _not_convex(t_shape)),
+    'seam': DoubtfulKind('seam across the room that reflects half the amplitude', _seam(1.0)),
+    'stiffener': DoubtfulKind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
+    'mode_0db': DoubtfulKind('S0 as strong as A0', _second_mode(1.0)),
+    'mode_-10db': DoubtfulKind('S0 10 dB below A0', _second_mode(10.0**-0.5)),
+    'wrong_speeds': DoubtfulKind('both speeds of the plate taken 20 % too low', _mistaken(
         longitudinal_speed_m_s=0.8 * _PLATE.longitudinal_speed_m_s, shear_speed_m_s=0.8 * _PLATE.shear_speed_m_s)),
-    'wrong_thickness': Kind('thickness taken 20 % too small', _mistaken(thickness_m=0.8 * _PLATE.thickness_m)),
-    'wrong_air': Kind('rooms of air, speed taken 20 % too high', _mistaken_air),
-    ORDINARY: Kind('ordinary', lambda seed, edges: _as_it_is(random_scene(seed, edges)), must_be_flagged=False),
+    'wrong_thickness': DoubtfulKind('thickness taken 20 % too small', _mistaken(thickness_m=0.8 * _PLATE.thickness_m)),
+    'wrong_air': DoubtfulKind('rooms of air, speed taken 20 % too high', _mistaken_air),
+    ORDINARY: DoubtfulKind('ordinary', lambda seed, edges: _as_it_is(random_scene(seed, edges)), must_be_flagged=False),
 }

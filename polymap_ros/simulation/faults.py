@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.simulation.odometry import LEVELS
 from polymap_ros.specification import Group, parameter
 
 if TYPE_CHECKING:
@@ -48,6 +49,11 @@ class Faults(Group):
     yaw_drift_deg_m: float = parameter(0.0, 'turn of the reported heading per metre travelled', unit='deg/m',
                                        minimum=-1e6, maximum=1e6)
     odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0, maximum=1e6)
+    drift: str = parameter('none', 'wheel odometry as it is, beside the two above: random walks of distance and '
+                           'heading, a share of every turn, and a steady part', choices=('none', *LEVELS))
+    slip_m: float = parameter(0.0, 'jump of the reported place, once, in any direction', unit='m', minimum=0.0,
+                              maximum=1e6)
+    slip_deg: float = parameter(0.0, 'jump of the reported heading there', unit='deg', minimum=-1e6, maximum=1e6)
 
 
 def first_echo_faults(
@@ -91,17 +97,3 @@ def ringing(scene: 'Scene', pulse_m: float, spreading: float) -> tuple[NDArray[n
     sign = np.append(1.0, generator.choice((-1.0, 1.0), _RINGS))
     amplitude = sign * np.exp(-_DECAY * range_m / end_m)
     return 2.0 * range_m, amplitude * (2.0 * range_m) ** spreading
-
-
-def reported(poses: NDArray[np.float64], faults: Faults) -> NDArray[np.float64]:
-    """Poses (T, 3) as an odometry of the wrong scale and a drifting heading adds them up from the first one."""
-    if faults.odometry_scale == 1.0 and faults.yaw_drift_deg_m == 0.0:
-        return poses.copy()
-    steps = np.diff(poses[:, :2], axis=0)
-    travelled = np.concatenate(([0.0], np.cumsum(np.linalg.norm(steps, axis=1))))
-    turn = np.deg2rad(faults.yaw_drift_deg_m) * travelled
-    halfway = 0.5 * (turn[1:] + turn[:-1])
-    c, s = np.cos(halfway), np.sin(halfway)
-    turned = np.column_stack((c * steps[:, 0] - s * steps[:, 1], s * steps[:, 0] + c * steps[:, 1]))
-    places = poses[0, :2] + faults.odometry_scale * np.vstack((np.zeros(2), np.cumsum(turned, axis=0)))
-    return np.column_stack((places, poses[:, 2] + turn))

@@ -12,7 +12,6 @@ The last takes the way that a recorded odometry went, scaled to fill the room. W
 """
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Mapping
 from importlib import resources
 from pathlib import Path
@@ -22,8 +21,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.pulse import RecordedPulse, same_period
 from polymap_ros.errors import ParameterError, SceneError
+from polymap_ros.names import suggestion
 from polymap_ros.parameters import GridParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.paths import expanded
 from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.faults import Faults
@@ -46,13 +48,13 @@ def built_in_scenes() -> list[str]:
     return sorted(entry.name.removesuffix(_SUFFIX) for entry in _folder().iterdir() if entry.name.endswith(_SUFFIX))
 
 
-def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
+def load_scene(name: str | Path, read_path: ReadPath | None = None) -> Scene:
     """Read a scene file, or the built-in scene of that name.
 
     Parameters
     ----------
-    name : str
-        A path, or one of `built_in_scenes`.
+    name : str or Path
+        A path, in which ``~`` is expanded, or one of `built_in_scenes`.
     read_path : callable, optional
         What reads a trajectory's recording; without it such a trajectory is refused.
 
@@ -61,7 +63,11 @@ def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
     SceneError
         Names the file and what is wrong with it.
     """
-    path = Path(name)
+    if not isinstance(name, str | Path):
+        raise SceneError(f'found {name!r:.80}; allowed: a scene file, or a built-in scene '
+                         f'({", ".join(built_in_scenes())})')
+    name = str(name)
+    path = Path(_expanded(name))
     if name in built_in_scenes():
         text = (_folder() / f'{name}{_SUFFIX}').read_text(encoding='utf-8')
     else:
@@ -82,8 +88,16 @@ def load_scene(name: str, read_path: ReadPath | None = None) -> Scene:
         raise SceneError(f'{name}: {error}') from error
 
 
+def _expanded(path: str) -> str:
+    try:
+        return expanded(path)
+    except ValueError as error:
+        raise SceneError(str(error)) from error
+
+
 def _folder() -> Any:
-    return resources.files('polymap_ros') / 'config'
+    # From a room, since with a folder named polymap_ros about, Python may take polymap_ros for a namespace package.
+    return resources.files('polymap_ros.simulation').parent / 'config'  # type: ignore[attr-defined]
 
 
 def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: ReadPath | None) -> Scene:
@@ -107,12 +121,20 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
             values[key] = _number(document, key)
             check_bounds(key, values[key])  # before a path is drawn from the seed
     pulse = values.get('pulse', PulseParameters())
-    values['recorded_pulse'] = read_pulse(Parameters(pulse=pulse, folder=folder))
+    if recorded := read_pulse(Parameters(pulse=pulse, folder=folder)):
+        values['recorded_pulse'] = _at_period(recorded, 1.0 / values.get('sample_rate_hz', Scene.sample_rate_hz))
     if 'trajectory' in document:
         body = _mapping(document['trajectory'], 'trajectory')
         vertices, seed = counter_clockwise(values['vertices'])[0], int(values.get('seed', 1))
         values['poses'] = _trajectory(body, vertices, seed, folder, read_path)
     return Scene(**values)
+
+
+def _at_period(pulse: RecordedPulse, period_s: float) -> NDArray[np.float64]:
+    if pulse.period_s and not same_period(pulse.period_s, period_s):
+        raise SceneError(f'pulse.path is sampled at {1.0 / pulse.period_s:g} Hz, the scene at {1.0 / period_s:g} Hz '
+                         '(sample_rate_hz); resample it')
+    return pulse.recorded
 
 
 def _trajectory(
@@ -131,7 +153,7 @@ def _trajectory(
         _check_keys(body, ['recording', 'topic', 'pings', 'clearance_m', 'turn_deg'], 'trajectory')
         if read_path is None:
             raise SceneError('trajectory: recording cannot be read here')
-        path = read_path(folder / str(body['recording']), str(body.get('topic', 'odom')))
+        path = read_path(folder / _expanded(str(body['recording'])), str(body.get('topic', 'odom')))
         turn = np.deg2rad(_number(body, 'turn_deg')) if 'turn_deg' in body else 0.0
         return fitted(recorded(path, count), vertices, clearance, float(turn))
     _check_keys(body, ['pings', 'step_m', 'clearance_m'], 'trajectory')
@@ -148,9 +170,7 @@ def _trajectory(
 def _check_keys(body: Mapping[str, Any], known: list[str], where: str) -> None:
     for key in body:
         if key not in known:
-            close = difflib.get_close_matches(str(key), known, n=1)
-            advice = f'did you mean {close[0]}?' if close else f'known: {", ".join(known)}'
-            raise SceneError(f'{where} has no key {key}; {advice}')
+            raise SceneError(f'{where} has no key {key}; {suggestion(key, known)}')
 
 
 def _mapping(value: Any, key: str) -> Mapping[str, Any]:

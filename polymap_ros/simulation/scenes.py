@@ -15,7 +15,8 @@ from polymap_ros.parameters import (
     PulseParameters,
     SensorParameters,
 )
-from polymap_ros.simulation.faults import Faults, reported
+from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped
 
 MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
 """Pings, samples of all of them, and messages of odometry that a scene may have: slips are told by name."""
@@ -29,7 +30,7 @@ _BOUNDS = {
     'position_noise_m': (0.0, 1e6), 't0_s': (-100.0, 100.0), 'snr_db': (-300.0, 300.0)}
 """Beyond these the samples would be no numbers, the stamps none of ROS, or the work without end."""
 
-_GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM = 1, 2, 3
+_GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM, _DRIFT_STREAM = 1, 2, 3, 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ class Scene:
     position_noise_m : float
         Standard deviation of the reported x and of the reported y at a ping [m].
     recorded_pulse : ndarray, shape (k,), optional
-        Samples of ``pulse.kind: file``, at the scene's sample rate.
+        Samples of ``pulse.kind: file``, which it implies, at the scene's sample rate.
     """
 
     name: str
@@ -99,11 +100,17 @@ class Scene:
     faults: Faults = field(default_factory=Faults)
 
     def __post_init__(self) -> None:
+        if self.recorded_pulse is not None:
+            object.__setattr__(self, 'pulse', dataclasses.replace(self.pulse, kind='file'))
         vertices, reflection = counter_clockwise(self.vertices, self.reflection)
         for name, value in (('vertices', vertices), ('poses', np.asarray(self.poses, dtype=float)),
                             ('reflection', reflection)):
             object.__setattr__(self, name, value)
         self._check()
+
+    def __repr__(self) -> str:
+        return (f'Scene({self.name!r}: {len(self.vertices)} edges, {len(self.poses)} pings of {self.n_samples} samples '
+                f'at {self.sample_rate_hz:g} Hz, seed {self.seed})')
 
     def _check(self) -> None:
         if self.poses.ndim != 2 or self.poses.shape[1] != 3 or len(self.poses) == 0:
@@ -167,9 +174,17 @@ class Scene:
         """Poses that the odometry reports at the pings, shape (T, 3): with its drift and `position_noise_m`."""
         generator = np.random.default_rng([self.seed, _POSITION_STREAM, len(self.vertices)])
         errors = generator.normal(size=(len(self.poses), 2))
-        poses = reported(self.poses, self.faults)
+        poses = self._driven()
         poses[:, :2] += self.position_noise_m * errors
         return poses
+
+    def _driven(self) -> NDArray[np.float64]:
+        """Poses (T, 3) as erring odometry adds them up."""
+        faults, drift = self.faults, LEVELS.get(self.faults.drift, Drift())
+        drift = drift.beside(faults.odometry_scale, faults.yaw_drift_deg_m)
+        generator = np.random.default_rng([self.seed, _DRIFT_STREAM, len(self.vertices)])
+        poses = self.poses.copy() if drift == Drift() else reported(self.poses, drift, generator)
+        return slipped(poses, faults.slip_m, float(np.deg2rad(faults.slip_deg)), generator)
 
     def noise(self) -> NDArray[np.float64]:
         """White Gaussian noise of power 1, shape (T, n_samples)."""

@@ -7,12 +7,13 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from polymap_ros.acoustics.image_sources import visible_images
 from polymap_ros.acoustics.medium import ConstantSpeed, Medium, group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
+from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.jit import kernel
 from polymap_ros.simulation.faults import first_echo_faults, ringing
+from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
 
 BAND_FLOOR = 1e-3
@@ -23,12 +24,13 @@ Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ND
 """From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there."""
 
 
-def simulate(scene: Scene, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+def simulate(scene: Scene | str, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains, clutter and noise.
 
-    `clean` takes the place of what `noise_free` gives, where other echoes are to be heard. Clutter is the same in every
-    ping, and does not count for the SNR.
+    A scene's name, or its file's, will do. `clean` takes the place of what `noise_free` gives, where other echoes are
+    to be heard. Clutter is the same in every ping, and does not count for the SNR.
     """
+    scene = scene if isinstance(scene, Scene) else load_scene(scene)
     clean = noise_free(scene) if clean is None else clean
     samples = scene.gains()[:, None] * clean + _clutter(scene, clean)
     if scene.snr_db is None:

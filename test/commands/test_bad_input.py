@@ -10,6 +10,7 @@ import sys
 import numpy as np
 import pytest
 
+from polymap_ros.commands import console
 from polymap_ros.recordings.writing import make
 
 FAST = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=60')
@@ -74,7 +75,8 @@ def test_a_recording_that_was_cut_off_before_its_first_chunk_was_written(call, t
     assert complaint.endswith('and no message can be rescued')
     folder = shutil.copytree(triangle, tmp_path / 'drive')
     (folder / 'triangle.mcap').write_bytes(b'else')
-    assert refused(call, tmp_path, 'drive').endswith('drive/triangle.mcap: cannot be read: is no MCAP file')
+    assert refused(call, tmp_path, 'drive').endswith(
+        "drive/triangle.mcap: cannot be read: is neither MCAP nor SQLite: it begins with 'else'")
 
 
 def test_what_is_left_of_a_recording_is_mapped_with_a_warning(call, triangle, tmp_path):
@@ -112,7 +114,7 @@ def test_links_that_lead_to_themselves_hold_no_results(call, triangle, tmp_path,
     (tmp_path / 'loop').symlink_to('loop')
     done = call('replay', *FAST, triangle, '--output', folder)
     assert done.status == 2
-    assert done.complaint.startswith('polymap_replay: error: loop: ')
+    assert done.complaint.startswith(f'polymap_replay: error: {folder}: ')
     assert 'such recording' in call('replay', 'loop').complaint
     assert call('simulate', 'triangle', '--output', 'loop').complaint.startswith('polymap_simulate: error: loop: ')
 
@@ -245,7 +247,7 @@ def test_stamps_out_of_order(call, altered, tmp_path):
     assert counts['used'] == N_PINGS
     (warning,) = found['warnings']
     assert warning['code'] == 'odometry_dropped'
-    assert warning['text'].endswith('messages dropped: 2 out_of_order')
+    assert warning['text'].startswith('/odom: of 245 messages dropped: 2 out_of_order; ')
     assert warning['text'] in done.out
 
 
@@ -257,6 +259,11 @@ def test_a_ping_that_comes_twice(call, altered, tmp_path):
     assert counts == {'received': N_PINGS + 1, 'used': N_PINGS, 'dropped': {'duplicate': 1}}
 
 
+def test_a_fault_of_ours_is_one_line_in_every_command(capsys):
+    assert console.execute('polymap_play', lambda: [][1]) == console.WRONG
+    assert capsys.readouterr().err.startswith('polymap_play: error: IndexError: list index out of range (')
+
+
 # Readable, but no polygon
 
 def test_every_ping_dropped(call, altered, tmp_path):
@@ -264,7 +271,9 @@ def test_every_ping_dropped(call, altered, tmp_path):
     counts, found, done = pings(call, tmp_path, path, *FAST, '--save-map', status=1)
     assert counts == {'received': N_PINGS, 'used': 0, 'dropped': {'wrong_type': N_PINGS}}
     assert (found['status'], found['vertices'], found['edges']) == ('open', [], [])
+    assert [each['code'] for each in found['warnings']] == ['pings_dropped']
     assert 'all pings were dropped, most as wrong_type: echo has 10 ranges: that is a lidar scan' in done.complaint
+    assert "go on pinging" not in done.err + done.out
     assert (tmp_path / 'out' / 'beam_map.npz').exists()
     assert not (tmp_path / 'out' / 'map.pgm').exists()
 
@@ -274,7 +283,7 @@ def test_too_few_pings(run, altered, tmp_path):
     counts, found, done = pings(run, tmp_path, path, *FAST, status=1)
     assert counts['used'] == 2
     assert (found['status'], [each['code'] for each in found['warnings']]) == ('open', ['too_few_pings'])
-    assert 'no polygon closes: pings that could be used: 2; ' in done.complaint
+    assert 'no polygon closes: 2 pings could be used, and a polygon takes at least 3; ' in done.complaint
 
 
 @pytest.mark.parametrize('method', ['evidence', 'paper', 'rectangle'])
@@ -308,7 +317,6 @@ def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
     ('solver.method:=magic', "parameter solver.method: 'magic' is not known; allowed: "),
     ('solver.seed=3', 'parameter solver.seed=3: expected name:=value'),
     ('solver.seed:=[', "parameter solver.seed: '[' is not a YAML value"),
-    ('map.resolution_m:=1.0e-6', 'parameter map.resolution_m: 1e-06 makes a map of'),
 ])
 def test_a_wrong_parameter(call, triangle, tmp_path, override, text):
     assert refused(call, tmp_path, triangle, '-p', override).startswith(text)
@@ -355,7 +363,9 @@ def test_a_state_that_is_none(call, triangle, tmp_path):
 def test_a_result_folder_that_cannot_be_made(call, triangle, tmp_path):
     (tmp_path / 'file').write_text('in the way')
     done = call('replay', triangle, '--output', 'file', *FAST)
-    assert (done.status, done.complaint) == (2, 'polymap_replay: error: file: File exists')
+    assert (done.status, done.complaint) == (
+        2, 'polymap_replay: error: file: cannot be written: it is a file; choose another folder')
+    assert done.out == ''  # it is told before the work
     assert (tmp_path / 'file').read_text() == 'in the way'
     done = call('replay', triangle, '--output', 'file/out', *FAST)
     assert done.status == 2

@@ -7,7 +7,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from polymap_ros.commands.simulate import main
-from polymap_ros.mapping.comparison import compare
+from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.odometry import stamped_pose
@@ -39,8 +39,10 @@ def test_a_recording_can_be_made_again(scene, tmp_path):
             np.testing.assert_allclose([first.pose.pose.position.x, first.pose.pose.position.y],
                                        [second.pose.pose.position.x, second.pose.pose.position.y], atol=1e-12)
     assert (BAGS / scene / 'truth.json').read_text() == (tmp_path / scene / 'truth.json').read_text()
+    paths = (np.loadtxt(folder / scene / 'truth.tum') for folder in (BAGS, tmp_path))
+    np.testing.assert_allclose(next(paths), next(paths), atol=1e-12)
     files = {path.name for path in (tmp_path / scene).iterdir()}
-    assert files == {f'{scene}.mcap', 'metadata.yaml', 'truth.json'}
+    assert files == {f'{scene}.mcap', 'metadata.yaml', 'truth.json', 'truth.tum'}
 
 
 @pytest.mark.parametrize('scene', SCENES)

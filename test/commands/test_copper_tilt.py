@@ -10,7 +10,7 @@ import scipy.io
 import scipy.signal
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.recordings.writing import RecordingWriter, make
 

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.recordings.writing import RecordingWriter, make
 from polymap_ros.results.arrays import read_state

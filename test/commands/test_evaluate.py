@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from polymap_ros.commands.evaluate import _parser, main
+from polymap_ros.commands.evaluate import main
+from polymap_ros.commands.experiments import EXPERIMENTS, parser
 
 DATA = Path(os.environ.get('POLYMAP_DATA') or Path(__file__).parents[2].parent / 'shared' / 'data')
 DRIVE = DATA / 'odometry' / 'test2.bag'
@@ -114,6 +115,10 @@ def test_the_paper_s_experiment(tmp_path, capsys):
     (['paper', '--snr-db', '0,-10'], '--snr-db'),
     (['online', '--snr-db', '0,-10'], '--snr-db'),
     (['online', '--repetitions', '3'], '--repetitions'),
+    (['live', '--snr-db', '0'], '--snr-db does not act in "live", but in paper, random, online, doubt, calibration'),
+    (['cpu', '--jobs', '2'], '--jobs'),
+    (['speed', '--odom-hz', '2'], '--odom-hz'),
+    (['live', '--drive', 'x'], '--drive'),
     (['doubt', '--variant', 'plate'], 'nearly_straight'),
     (['random', '--variant', 'needle', '--edges', '4', '--seeds', '0:1'], 'needle with 4 edges'),
 ])
@@ -144,13 +149,34 @@ def test_arguments_that_mean_nothing_are_refused(arguments, capsys):
     assert ' _' not in complaint  # no name of a function
 
 
+@pytest.mark.parametrize('experiment', EXPERIMENTS)
+def test_the_help_of_an_experiment_tells_what_acts_in_it_and_how_long_it_takes(experiment, capsys):
+    with pytest.raises(SystemExit) as caught:
+        main([experiment, '--help'])
+    assert caught.value.code == 0
+    told = capsys.readouterr().out
+    assert f'\n  polymap_evaluate {experiment} --' in told
+    assert 'Writes results.csv' in ' '.join(told.split())
+    assert '\nTime: ' in told
+    for option in ('--seeds', '--repetitions', '--growth', '--ping-hz'):
+        if option not in told:
+            assert main([experiment, option, '0:1' if option == '--seeds' else '1', '--output', 'x']) == 2
+            assert f'{option} does not act in "{experiment}"' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('experiment', EXPERIMENTS)
+def test_examples_of_the_help_are_read(experiment):
+    for example in EXPERIMENTS[experiment].examples:
+        assert parser(experiment).parse_args(example.split()).experiment == experiment
+
+
 def test_arguments_are_read_as_ranges():
-    arguments = _parser().parse_args(
+    arguments = parser().parse_args(
         ['random', '--output', 'x', '--edges', '3-8', '--seeds', '10:20:3', '--snr-db', 'none'])
     assert list(arguments.edges) == [3, 4, 5, 6, 7, 8]
     assert list(arguments.seeds) == [10, 13, 16, 19]
     assert arguments.snr_db == [None]
-    assert _parser().parse_args(['random', '--output', 'x', '--snr-db', '0,-10,none']).snr_db == [0.0, -10.0, None]
+    assert parser().parse_args(['random', '--output', 'x', '--snr-db', '0,-10,none']).snr_db == [0.0, -10.0, None]
 
 
 def test_interrupted_is_status_130_and_the_rows_so_far_are_kept(tmp_path):
@@ -185,6 +211,24 @@ def test_results_take_the_place_of_nothing_that_is_not_of_an_earlier_run(tmp_pat
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, 'mine')]
 
 
+@pytest.mark.parametrize(('folder', 'cause'), [
+    ('file', 'file: cannot be written: it is a file'), ('file/out', 'file/out: cannot be written: file is a file'),
+    ('astray', 'astray: cannot be written: astray is a link to nowhere'),
+    ('/proc/out', '/proc/out: cannot be written: '),
+    ('taken', 'taken/table.md: cannot be written: it is a folder')])
+def test_what_cannot_be_written_is_told_before_the_work(tmp_path, monkeypatch, capsys, folder, cause):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'file').touch()
+    (tmp_path / 'astray').symlink_to('nowhere')
+    (tmp_path / 'taken' / 'table.md').mkdir(parents=True)
+    before = sorted(tmp_path.rglob('*'))
+    assert main(['random', '--edges', '3', '--seeds', '0:1', '--method', 'rectangle', '--output', folder]) == 2
+    out, err = capsys.readouterr()
+    assert (out, err.count('\n')) == ('', 1)  # no progress either
+    assert f'polymap_evaluate: error: {cause}' in err
+    assert sorted(tmp_path.rglob('*')) == before
+
+
 def test_of_an_earlier_run_nothing_is_left_beside_the_results(tmp_path):
     scene = ['--edges', '3', '--seeds', '0:1', '--method', 'rectangle', '--output', str(tmp_path)]
     assert main(['random', *scene]) == 0
@@ -194,6 +238,6 @@ def test_of_an_earlier_run_nothing_is_left_beside_the_results(tmp_path):
 
 
 def test_help_does_not_load_what_it_does_not_need():
-    code = ('import sys, polymap_ros.commands.evaluate as e; e._parser(); '
+    code = ('import sys, polymap_ros.commands.evaluate as e; e.parser(); '
             'print(sorted({"numpy", "numba", "scipy", "matplotlib", "tqdm"} & set(sys.modules)))')
     assert subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True).stdout == '[]\n'

@@ -12,7 +12,7 @@ import pytest
 
 from polymap_ros.commands import fleet
 
-FILES = ('polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'beam_map.npz')
+FILES = ('polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml', 'beam_map.npz')
 
 
 ONE_THREAD = {f'{library}_NUM_THREADS': '1' for library in ('OMP', 'OPENBLAS', 'MKL')}
@@ -20,7 +20,12 @@ ONE_THREAD = {f'{library}_NUM_THREADS': '1' for library in ('OMP', 'OPENBLAS', '
 
 
 def different(one, other):
-    return [name for name in FILES if (one / name).read_bytes() != (other / name).read_bytes()]
+    """Files that differ by more than the name of the recording."""
+    def content(folder, name):
+        named = f'"recording": "{json.loads((folder / FILES[0]).read_text())["recording"]}"'
+        return (folder / name).read_bytes().replace(named.encode(), b'')
+
+    return [name for name in FILES if content(one, name) != content(other, name)]
 
 
 def files_below(folder):
@@ -45,6 +50,10 @@ def test_jobs_give_the_bytes_of_single_runs_and_report_what_is_bad(run, triangle
     assert '3/3' in done.err
     assert 'reading' not in done.err
     assert done.out.count('closed: 3 edges') == done.out.count('; results in out') == 2
+    assert done.out.splitlines()[-1] == '2 done, 0 open, 1 failed; out/summary.csv'
+    rows = (tmp_path / 'out' / 'summary.csv').read_text().splitlines()
+    assert [row.split(',')[:2] for row in rows] == [
+        ['name', 'status'], ['broken', 'failed'], ['triangle', 'done'], ['drive0', 'done']]
     single = run('replay', triangle, '--output', 'single', *evidence)
     assert single.status == 0
     for name in ('triangle', 'drive0'):
@@ -55,7 +64,7 @@ def test_jobs_give_the_bytes_of_single_runs_and_report_what_is_bad(run, triangle
 @pytest.mark.parametrize(('number', 'status', 'word'), [
     (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
 def test_a_signal_ends_all_processes_and_nothing_is_half_written(start, copies, tmp_path, number, status, word):
-    """The first recording is short and done; two that would take for ever are under way, another one waits."""
+    """The first recording is short and over; two that would take for ever are under way, another one waits."""
     recordings = copies(3)
     (tmp_path / 'broken.mcap').write_bytes(b'no recording')
     before = files_below(tmp_path)
@@ -69,8 +78,10 @@ def test_a_signal_ends_all_processes_and_nothing_is_half_written(start, copies, 
     assert process.returncode == status, seen + err
     assert b'Traceback' not in seen + err
     assert err.decode().replace('\r', '\n').splitlines()[-1] == f'polymap_replay: {word}'
-    assert out == b''
-    assert files_below(tmp_path) == before
+    assert out == b'0 done, 0 open, 1 failed, 3 not finished; out/summary.csv\n'
+    assert files_below(tmp_path) == before | {'out/summary.csv'}
+    _, broken = (tmp_path / 'out' / 'summary.csv').read_text().splitlines()
+    assert broken.startswith('broken,failed,')
 
 
 JOB = '''
@@ -98,6 +109,11 @@ def job(name, marker, how):
 '''
 
 
+def lost(name, marker, how, reason):
+    """Return the status of a job that told none."""
+    return 2
+
+
 def abrupt_jobs(tmp_path, monkeypatch, ways):
     (tmp_path / 'abrupt.py').write_text(JOB)
     monkeypatch.syspath_prepend(tmp_path)
@@ -109,7 +125,8 @@ def abrupt_jobs(tmp_path, monkeypatch, ways):
 @pytest.mark.parametrize(('how', 'done'), [('once', (0, 1, 2, 3)), ('always', (0, 2, 3))])
 def test_a_process_that_ends_abruptly_costs_one_recording_at_most(tmp_path, monkeypatch, capfd, how, done):
     job, jobs = abrupt_jobs(tmp_path, monkeypatch, ('', how, '', ''))
-    assert fleet.run_all('polymap_replay', job, jobs, 2, None) == (0 if 1 in done else 2)
+    statuses = fleet.run_all('polymap_replay', job, jobs, 2, None, lost)
+    assert statuses == [0 if index in done else 2 for index in range(4)]
     out, err = capfd.readouterr()
     assert sorted(out.split('\n')[:-1]) == [f'job {index} is done' for index in done]
     complaints = [line for line in err.replace('\r', '\n').splitlines() if line.startswith('polymap_replay')]
@@ -120,7 +137,7 @@ def test_a_process_that_ends_abruptly_costs_one_recording_at_most(tmp_path, monk
 def test_after_a_process_ended_abruptly_as_many_work_at_once(tmp_path, monkeypatch, capfd):
     os.mkfifo(tmp_path / 'meeting')
     job, jobs = abrupt_jobs(tmp_path, monkeypatch, ('once', 'r', 'w'))
-    assert fleet.run_all('polymap_replay', job, jobs, 2, None) == 0
+    assert fleet.run_all('polymap_replay', job, jobs, 2, None, lost) == [0, 0, 0]
     assert sorted(capfd.readouterr().out.split('\n')[:-1]) == ['job 0 is done', 'job 1 is done', 'job 2 is done']
 
 
@@ -130,7 +147,8 @@ def test_a_process_that_is_deaf_to_the_first_signal_ends_with_the_others(tmp_pat
     code = ('import sys; from pathlib import Path; from abrupt import job; '
             'from polymap_ros.commands import console, fleet; '
             "jobs = [(str(k), Path('x'), 'deaf') for k in range(2)]; "
-            "sys.exit(console.execute('polymap_replay', lambda: fleet.run_all('polymap_replay', job, jobs, 2, None)))")
+            "statuses = lambda: fleet.run_all('polymap_replay', job, jobs, 2, None, print); "
+            "sys.exit(console.execute('polymap_replay', lambda: max(statuses())))")
     done = subprocess.run([sys.executable, '-c', code], cwd=tmp_path, env={**os.environ, 'PYTHONPATH': str(tmp_path)},
                           capture_output=True, text=True, timeout=50, check=False)
     assert done.returncode == 143, done.stderr
@@ -138,13 +156,20 @@ def test_a_process_that_is_deaf_to_the_first_signal_ends_with_the_others(tmp_pat
     assert 'Exception ignored in' in done.stderr
 
 
-def test_a_cluster_that_is_not_there_is_one_line(call, triangle, monkeypatch):
+def test_a_cluster_that_is_not_there_is_one_line_and_nothing_is_touched(call, triangle, copies, tmp_path, monkeypatch):
     monkeypatch.setattr(fleet, 'WAIT_S', 0.5)
     pytest.importorskip('distributed')
     for address in ('tcp://127.0.0.1:9', 'nonsense://x'):
         done = call('replay', triangle, '--scheduler', address)
         assert done.status == 2
         assert done.complaint.startswith(f'polymap_replay: error: --scheduler {address}: no Dask scheduler answers')
+    summary, index = tmp_path / 'out' / 'summary.csv', tmp_path / 'out' / 'index.html'
+    summary.parent.mkdir()
+    summary.write_text('name,status,warnings,edges,area,pings,seconds,error\ndrive0,done,,3,1,9,1.0,\n')
+    index.write_text('<meta name="generator" content="polymap_ros">')
+    before = summary.read_bytes(), index.read_bytes()
+    done = call('replay', triangle, *copies(1), '--report', '--scheduler', 'tcp://127.0.0.1:9', '--output', 'out')
+    assert (done.status, summary.read_bytes(), index.read_bytes()) == (2, *before)
     monkeypatch.setitem(sys.modules, 'distributed', None)
     done = call('replay', triangle, '--scheduler', 'tcp://127.0.0.1:9')
     assert (done.status, done.complaint) == (
@@ -194,6 +219,9 @@ def test_every_recording_has_its_result_though_a_worker_is_killed(start, run, cl
     assert run('replay', triangle, '--output', 'single', '--save-map').status == 0
     for path in recordings:
         assert different(tmp_path / 'out' / path.stem, tmp_path / 'single') == []
+    rows = (tmp_path / 'out' / 'summary.csv').read_text().splitlines()[1:]
+    assert [row.split(',')[:2] for row in rows] == [
+        *([path.stem, 'done'] for path in recordings), ['missing', 'failed']]
 
 
 def test_a_scheduler_that_is_lost_on_the_way_is_a_line_for_each_recording(start, cluster, copies):

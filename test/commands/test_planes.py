@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from polymap_ros.mapping.comparison import compare
+from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.recordings.reading import Recording
 
 PAPER = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=100')

@@ -2,6 +2,8 @@
 
 import json
 import os
+import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -15,10 +17,12 @@ import shapely
 import yaml
 from rosbags.highlevel import AnyReader
 
+from polymap_ros.commands import console
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Recording
 from polymap_ros.recordings.writing import RecordingWriter
 
+BAGS = Path(__file__).parents[2] / 'bags'
 FAST = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=60')
 
 
@@ -47,7 +51,8 @@ def test_a_recording_may_have_more_parts_than_a_process_may_have_files_at_first(
 def test_the_triangle_is_found(run, triangle, tmp_path, method):
     done = run('replay', triangle, '--output', 'out', '-p', f'solver.method:={method}')
     assert done.status == 0, done.err
-    assert {path.name for path in (tmp_path / 'out').iterdir()} == {'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'}
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
+        'polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml'}
     assert 'closed: 3 edges' in done.out
     assert 'against the truth: 3 edges of 3, right' in done.out
     assert 'triangle: reading: 100%' in done.err
@@ -78,9 +83,11 @@ def test_the_same_recording_gives_the_same_bytes_in_any_layout(call, triangle, a
     sqlite = altered(lambda topic, index, message: [(topic, message)], storage='sqlite3')
     for name, recording in {'a': triangle, 'b': triangle, 'c': bare, 'd': sqlite}.items():
         assert call('replay', recording, '--output', name, '--save-map', *FAST).status == 0
-    for file in ('polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'beam_map.npz'):
-        contents = {(tmp_path / name / file).read_bytes() for name in 'abcd'}
+    for file in ('polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml', 'beam_map.npz'):
+        contents = {re.sub(rb'"recording": "\w+"', b'', (tmp_path / name / file).read_bytes()) for name in 'abcd'}
         assert len(contents) == 1, file
+    named = [read_json(tmp_path / name / 'polygon.json')['recording'] for name in 'abcd']
+    assert named == ['triangle', 'triangle', 'bare', 'altered']
     assert str(tmp_path) not in (tmp_path / 'a' / 'polygon.json').read_text()
 
 
@@ -89,7 +96,8 @@ def test_everything_that_can_be_asked_for(call, triangle, tmp_path):
     assert done.status == 0, done.err
     out = tmp_path / 'out'
     assert {path.name for path in out.iterdir()} == {
-        'polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'polygon.png', 'result.mcap', 'beam_map.npz'}
+        'polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml', 'polygon.png', 'result.mcap',
+        'beam_map.npz'}
     assert (out / 'polygon.png').read_bytes().startswith(b'\x89PNG')
     found = read_json(out / 'polygon.json')
 
@@ -110,9 +118,9 @@ def test_everything_that_can_be_asked_for(call, triangle, tmp_path):
         first_ns = {c.topic: log_ns for c, log_ns, _ in reversed(list(reader.messages()))}
     with AnyReader([triangle]) as reader:
         assert counts['/odom'] == reader.topics['/odom'].msgcount
-    outputs = ('/polymap_node/polygon', '/polymap_node/markers', '/polymap_node/beam_map', '/polymap_node/map')
-    assert counts.keys() == {'/odom', *outputs}
-    assert {topic for topic in outputs if first_ns[topic] > first_ns['/odom']} == set()  # seen from the start
+    outputs = [f'/polymap_node/{name}' for name in ('polygon', 'markers', 'beam_map', 'map', 'path')]
+    assert counts.keys() == {'/odom', '/diagnostics', *outputs}
+    assert all(first_ns[topic] > first_ns['/odom'] for topic in outputs)  # as they grew
     points = last['/polymap_node/polygon'].polygon.points
     np.testing.assert_allclose([[p.x, p.y] for p in points], found['vertices'], atol=1e-6)
     assert last['/polymap_node/polygon'].header.frame_id == 'odom'
@@ -130,7 +138,7 @@ def test_results_of_an_earlier_run_are_replaced(call, triangle, tmp_path):
     (tmp_path / 'out' / 'notes.txt').write_text('mine')
     assert call('replay', triangle, '--output', 'out', *FAST).status == 0
     assert {path.name for path in (tmp_path / 'out').iterdir()} == {
-        'polygon.json', 'state.npz', 'map.pgm', 'map.yaml', 'notes.txt'}
+        'polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml', 'notes.txt'}
 
 
 def test_exports_lie_beside_the_other_results(call, triangle, tmp_path):
@@ -178,9 +186,11 @@ def test_several_recordings_have_a_folder_each_and_the_highest_status(run, trian
     done = run('replay', triangle, bare, 'none.mcap', '--output', 'out', *FAST)
     assert done.status == 2
     assert done.complaint == 'polymap_replay: error: none.mcap: no such recording'
-    assert {path.name for path in (tmp_path / 'out').iterdir()} == {'triangle', 'bare'}
-    same = [(tmp_path / 'out' / name / 'polygon.json').read_bytes() for name in ('triangle', 'bare')]
-    assert same[0] == same[1]
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {'triangle', 'bare', 'summary.csv'}
+    one, other = (read_json(tmp_path / 'out' / name / 'polygon.json') for name in ('triangle', 'bare'))
+    assert (one.pop('recording'), other.pop('recording')) == ('triangle', 'bare')
+    assert one == other
+    assert done.out.splitlines()[-1] == '2 done, 0 open, 1 failed; out/summary.csv'
 
 
 def test_two_recordings_of_one_name_are_refused(call, triangle, tmp_path):
@@ -200,13 +210,15 @@ def test_results_take_the_place_of_nothing_that_is_read(call, triangle, tmp_path
     (tmp_path / 'run' / 'calibration.yaml').write_text('/**:\n  ros__parameters:\n    solver:\n      seed: 3\n')
     before = {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
     for recordings, options in (
-        (['run/result.mcap'], ['--output', 'run']), (['run'], ['--output', 'run', '--record']),
+        (['run/result.mcap'], ['--output', 'run']),
         ([triangle, 'run/result.mcap'], ['--output', 'runs']),
         ([triangle], ['--params-file', 'run/calibration.yaml', '--output', 'run']),
     ):
         done = call('replay', *recordings, *options, *FAST)
         assert done.status == 2
         assert 'is read, and the results would take its place' in done.complaint
+    done = call('replay', 'run', '--output', 'run', '--record', *FAST)  # a result is no part of a recording
+    assert (done.status, 'is no recording' in done.complaint) == (2, True)
     assert before == {path.name: path.read_bytes() for path in (tmp_path / 'run').iterdir()}
 
 
@@ -216,7 +228,7 @@ def test_several_recordings_never_leave_the_output_folder(call, triangle, tmp_pa
     monkeypatch.chdir(tmp_path / 'bag' / 'inner')
     done = call('replay', '.', triangle, '--output', tmp_path / 'out', *FAST)
     assert done.status == 0, done.err
-    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['inner', 'triangle']
+    assert sorted(path.name for path in (tmp_path / 'out').iterdir()) == ['inner', 'summary.csv', 'triangle']
     done = call('replay', tmp_path / '...mcap', triangle, '--output', tmp_path / 'other', *FAST)
     assert (done.status, 'has no name' in done.complaint) == (2, True)
     assert not (tmp_path / 'other').exists()
@@ -328,3 +340,84 @@ def test_the_signals_are_drawn_on_request(call, triangle, tmp_path):
     pytest.importorskip('matplotlib')
     assert call('replay', triangle, '--output', 'out', '--plot-signals', '-p', 'solver.method:=rectangle').status == 0
     assert (tmp_path / 'out' / 'signals.png').read_bytes().startswith(b'\x89PNG')
+
+
+def test_a_map_too_large_costs_the_map_alone(call, triangle, tmp_path):
+    done = call('replay', triangle, '--output', 'out', *FAST, '-p', 'map.resolution_m:=1e-5')
+    assert done.status == 0, done.err
+    assert done.complaint.startswith(f'polymap_replay: warning: {triangle}: there is no map: a place of ')
+    assert 'set map.resolution_m to 0.005' in done.complaint
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {'polygon.json', 'state.npz', 'trajectory.tum'}
+    assert [each['code'] for each in read_json(tmp_path / 'out' / 'polygon.json')['warnings']] == ['map_too_large']
+
+
+def test_a_large_place_has_a_map_of_larger_cells(call, triangle, tmp_path):
+    """The place is the margin's."""
+    done = call('replay', triangle, '--output', 'out', *FAST, '-p', 'map.margin_m:=30')
+    assert done.status == 0, done.err
+    assert 'the cells of the map are 0.01 m wide' in done.complaint
+    assert yaml.safe_load((tmp_path / 'out' / 'map.yaml').read_text())['resolution'] == 0.01
+    assert [each['code'] for each in read_json(tmp_path / 'out' / 'polygon.json')['warnings']] == ['map_coarse']
+
+
+def test_what_a_full_disk_has_no_room_for_costs_itself(call, triangle, tmp_path):
+    """polygon.json has 4 kB, the state megabytes; files may have 8 kB."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (8192, before[1]))
+    try:
+        done = call('replay', triangle, '--output', 'out', '--export', 'csv', '--save-map', *FAST)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert done.status == 2
+    assert 'triangle: closed: ' in done.out
+    assert '; results in out' in done.out
+    told = [line for line in done.err.replace('\r', '\n').splitlines() if line.startswith('polymap_')]
+    assert [line.partition(': not written: ')[0] for line in told] == [
+        f'polymap_replay: error: out/{names}' for names in ('state.npz', 'map.pgm and out/map.yaml', 'beam_map.npz')]
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
+        'polygon.json', 'polygon.csv', 'trajectory.tum'}
+
+
+def test_an_answer_that_cannot_be_written_was_printed(call, triangle, tmp_path, monkeypatch):
+    """A file takes the folder's place while the recording is solved."""
+    def told(text):
+        if not (tmp_path / 'out').exists():
+            (tmp_path / 'out').write_text('in the way')
+        tell(text)
+
+    tell = console.tell
+    monkeypatch.setattr(console, 'tell', told)
+    done = call('replay', triangle, '--output', 'out', *FAST)
+    assert (done.status, done.complaint) == (
+        2, 'polymap_replay: error: out: cannot be written: File exists; choose another folder')
+    assert 'triangle: closed: ' in done.out
+    assert 'results in' not in done.out
+
+
+def test_a_recording_is_localised_in_a_map(run, tmp_path):
+    pentagon = BAGS / 'pentagon'
+    assert run('replay', pentagon, '--output', 'map').status == 0
+    localising = ('-p', 'slam.mode:=localization', '-p', 'output.load_path:=map')
+    found = run('replay', pentagon, *localising, '--output', 'found')
+    assert found.status == 0, found.err
+    assert re.search(r'ATE 0\.[01]\d\d mm', found.out)
+    given, document = (read_json(tmp_path / name / 'polygon.json') for name in ('map', 'found'))
+    np.testing.assert_allclose(sorted(document['vertices']), sorted(given['vertices']), atol=1e-9)
+    assert document['trajectory']['corrected']
+    assert document['trajectory']['lost'] == 0
+    missing = run('replay', pentagon, *localising[:2], '--output', 'none')
+    assert (missing.status, missing.err.count('output.load_path')) == (2, 1)
+
+
+def test_in_a_map_that_is_symmetric_the_reported_poses_decide(run, tmp_path):
+    """Where the odometry began as it did for the map; where it began elsewhere, nothing does."""
+    rectangle, localising = BAGS / 'rectangle', ('-p', 'slam.mode:=localization')
+    assert run('replay', rectangle, '--output', 'map').status == 0
+    found = run('replay', rectangle, *localising, '-p', 'output.load_path:=map', '--output', 'found')
+    assert found.status == 0, found.err
+    document = read_json(tmp_path / 'map' / 'polygon.json')
+    document['vertices'] = (np.array(document['vertices']) + (5.0, -3.0)).tolist()
+    (tmp_path / 'moved.json').write_text(json.dumps(document))
+    both = run('replay', rectangle, *localising, '-p', 'output.load_path:=moved.json', '--output', 'both')
+    assert both.status == 1
+    assert 'fit 2 places in the map' in both.err

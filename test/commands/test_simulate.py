@@ -82,6 +82,12 @@ def test_a_recording_holds_the_scene(tmp_path, scene_file, capsys, name, storage
         assert 2.0 * np.arctan2(rotation.z, rotation.w) == pytest.approx(pose[2])
     truth = json.loads(((path if path.is_dir() else path.parent) / 'truth.json').read_text())
     np.testing.assert_array_equal(truth['vertices'], scene.vertices)
+    lines = ((path if path.is_dir() else path.parent) / 'truth.tum').read_text().splitlines()
+    assert [int(line.split()[0].replace('.', '')) for line in lines] == (scene.stamps_ns - 20_000).tolist()
+    rows = np.array([line.split()[1:] for line in lines], float)
+    np.testing.assert_array_equal(rows[:, :2], scene.poses[:, :2])
+    np.testing.assert_allclose(2.0 * np.arctan2(rows[:, 5], rows[:, 6]), scene.poses[:, 2], atol=1e-12)
+    np.testing.assert_array_equal(rows[:, 2:5], 0.0)
 
 
 def test_making_it_again_gives_the_same_stamps_and_samples(tmp_path, scene_file):
@@ -109,7 +115,7 @@ def test_a_recorded_pulse_is_emitted_and_goes_with_the_recording(tmp_path, scene
     scene_file.write_text(SCENE.replace('t0_s: 2.0e-5', 'pulse: {kind: file, path: ping.npy}\nsnr_db: null'))
     assert main([str(scene_file), '--output', str(tmp_path / 'bag')]) == 0
     parameters = load_parameters(tmp_path / 'bag' / 'params.yaml')
-    np.testing.assert_array_equal(read_pulse(parameters), pulse)
+    np.testing.assert_array_equal(read_pulse(parameters).recorded, pulse)
     scene = load_scene(str(scene_file))
     plain = dataclasses.replace(scene, pulse=PulseParameters(), recorded_pulse=None)
     first = np.array([message.intensities for _, message in read(tmp_path / 'bag')[1]])
@@ -134,11 +140,17 @@ n_samples: 256
     (['{scene}', '--output', '{tmp}/there'], ['there', 'exists']),
     (['{scene}', '--output', '{tmp}/there/bag.mcap'], ['truth.json', 'another recording']),
     (['{broken}', '--output', '{tmp}/bag'], ['broken.yaml', 'vertices']),
+    (['{scene}', '--output', 'room.yaml/bag'], ['room.yaml/bag: cannot be written: room.yaml is a file']),
+    (['{scene}', '--output', 'astray'], ['astray: exists already']),
+    (['{scene}', '--output', 'astray/bag.db3'], ['astray/bag.db3: cannot be written: astray is a link to']),
+    (['{scene}', '--output', '/proc/bag.mcap'], ['/proc/bag.mcap: cannot be written: ']),
+    (['{scene}', '--output', 'a' * 300], ['aaa: File name too long']),
     (['{follower}', '--output', '{tmp}/bag'], ['missing', 'no such recording']),
 ])
 def test_wrong_use_is_one_line_and_status_2(tmp_path, scene_file, capsys, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'there').mkdir()
+    (tmp_path / 'astray').symlink_to('nowhere')
     (tmp_path / 'there' / 'truth.json').write_text('{}')
     (tmp_path / 'broken.yaml').write_text('vertices: [[0, 0], [1, 0]]\nposes: [[0, 0, 0]]')
     (tmp_path / 'follower.yaml').write_text('vertices: [[0, 0], [2, 0], [2, 2], [0, 2]]\n'
@@ -154,7 +166,7 @@ def test_wrong_use_is_one_line_and_status_2(tmp_path, scene_file, capsys, monkey
     assert sorted(tmp_path.rglob('*')) == before
 
 
-@pytest.mark.parametrize('name', ['truth.json', 'params.yaml', 'pulse.npy', 'bag.mcap'])
+@pytest.mark.parametrize('name', ['truth.json', 'truth.tum', 'params.yaml', 'pulse.npy', 'bag.mcap'])
 @pytest.mark.parametrize('folder', [False, True])
 def test_a_bare_recording_takes_the_place_of_nothing_that_is_there(tmp_path, scene_file, capsys, name, folder):
     """Not even of what its scene reads; and nothing of it is written."""

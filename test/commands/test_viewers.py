@@ -21,9 +21,10 @@ TAKES = {
     'rviz_default_plugins/Polygon': 'geometry_msgs/msg/PolygonStamped',
     'rviz_default_plugins/Odometry': 'nav_msgs/msg/Odometry',
     'rviz_default_plugins/Image': 'sensor_msgs/msg/Image',
+    'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
 }
 DRAWN_IN_3D = {'nav_msgs/msg/OccupancyGrid', 'visualization_msgs/msg/MarkerArray', 'geometry_msgs/msg/PolygonStamped',
-               'nav_msgs/msg/Odometry'}
+               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'}
 
 
 @pytest.fixture(scope='module')
@@ -56,7 +57,7 @@ def displays(rviz):
 def test_rviz_shows_every_topic_as_what_it_is(rviz, recorded):
     connections, _ = recorded
     assert {topic: TAKES[entry['Class']] for topic, entry in displays(rviz).items()} == {
-        topic: connection.msgtype for topic, connection in connections.items()}
+        topic: connection.msgtype for topic, connection in connections.items() if topic != '/diagnostics'}
 
 
 def test_rviz_gets_what_is_latched_and_loses_no_odometry(rviz, recorded):
@@ -102,5 +103,5 @@ def test_foxglove_shows_every_topic_as_what_it_is(layout, recorded):
         '3D!polymap1', 'Image!polymap2', 'DiagnosticSummary!polymap3'))
     assert {connections[topic].msgtype for topic in room['topics']} == DRAWN_IN_3D
     assert connections[image['imageMode']['imageTopic']].msgtype == 'sensor_msgs/msg/Image'
-    assert {*room['topics'], image['imageMode']['imageTopic']} == {*connections}
-    assert diagnostics['topicToRender'] == '/diagnostics'  # of the live node
+    assert connections[diagnostics['topicToRender']].msgtype == 'diagnostic_msgs/msg/DiagnosticArray'
+    assert {*room['topics'], image['imageMode']['imageTopic'], diagnostics['topicToRender']} == {*connections}

@@ -8,14 +8,15 @@ import pytest
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import StateError
-from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.lines import iou
+from polymap_ros.geometry.lines import iou
+from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.trajectories import legs
 from polymap_ros.simulation.waveforms import simulate
+from polymap_ros.solvers.checkpoint import Stopped
 
 S = 1_000_000_000
 START = 1_700_000_000 * S
@@ -143,8 +144,9 @@ def test_every_bad_ping_is_counted_under_its_reason_and_the_good_ones_are_used()
     assert mapper.counts.used == before
     assert mapper.counts.waiting == 2
     assert adds_up(mapper)
-    assert mapper.last_drop_texts['wrong_type'] == 'a lidar scan'
-    assert '1 of 2048' in mapper.last_drop_texts['bad_samples'] or 'zero' in mapper.last_drop_texts['bad_samples']
+    assert mapper.intake.last_drop_texts['wrong_type'] == 'a lidar scan'
+    told = mapper.intake.last_drop_texts['bad_samples']
+    assert '1 of 2048' in told or 'zero' in told
 
 
 def test_poses_out_of_order_or_of_another_frame_are_not_taken():
@@ -182,18 +184,21 @@ def test_a_straight_path_is_ambiguous_and_one_of_the_two_answers_may_be_the_trut
     assert iou(one, mirrored) == pytest.approx(1.0)
 
 
-def test_a_solve_can_be_watched_and_another_method_chosen(heard):
+def test_a_solve_can_be_watched_stopped_and_another_method_chosen(heard):
     mapper = PolygonMapper.from_state(heard.parameters, heard.state())
-    assert mapper.advance(10)  # none is under way
-    mapper.begin_solve()
-    costs = []
-    while not mapper.advance(100):
-        costs.append(mapper.preview().cost)
-        assert mapper.estimate is None
-    assert mapper.estimate.cost < costs[0]
-    mapper.begin_solve()
+    seen = []
+
+    def third_time():
+        seen.append(mapper.estimate)
+        if len(seen) == 3:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        mapper.solve(third_time)
+    assert seen == [None] * 3
+    assert mapper.estimate is None
+    assert mapper.solve().method == 'paper'
     mapper.configure(mapper.parameters.replaced({'solver.method': 'rectangle'}))
-    assert mapper.advance(1)
     assert mapper.estimate.method == 'paper'
     assert mapper.solve().method == 'rectangle'
     assert len(mapper.estimate.polygon.edges) == 4
@@ -203,14 +208,15 @@ def test_pings_during_a_solve_belong_to_the_next_one(heard, quadrilateral):
     scene, samples = quadrilateral
     mapper = PolygonMapper.from_state(heard.parameters, heard.state())
     expected = mapper.solve()
-    mapper.begin_solve()
-    mapper.advance(50)
     stamp_ns = int(scene.stamps_ns[-1]) + S
-    mapper.add_pose(stamp_ns, Pose(*scene.poses[0].tolist()))
-    mapper.add_ping(Ping(stamp_ns, samples[0], 1e-6))
+
+    def one_more():
+        mapper.add_pose(stamp_ns, Pose(*scene.poses[0].tolist()))
+        if mapper.counts.received == 60:
+            mapper.add_ping(Ping(stamp_ns, samples[0], 1e-6))
+
+    mapper.solve(one_more)
     assert mapper.counts.used == 61
-    while not mapper.advance(50):
-        pass
     np.testing.assert_array_equal(mapper.estimate.polygon.vertices, expected.polygon.vertices)
     assert mapper.estimate.stamp_ns == expected.stamp_ns
     assert mapper.solve().stamp_ns == stamp_ns
@@ -220,11 +226,9 @@ def test_reset_is_as_new():
     used, fresh = PolygonMapper(SMALL), PolygonMapper(SMALL)
     circling(used, 12, 'map')
     used.solve()
-    used.begin_solve()
     used.reset()
     assert everything(used) == everything(fresh)
     assert used.estimate is None
-    assert used.advance(1)
     circling(used)
     circling(fresh)
     assert everything(used) == everything(fresh)
@@ -354,9 +358,11 @@ def test_after_warming_up_nothing_is_left_to_compile(changes, heard):
     numba = pytest.importorskip('numba')
     parameters = Parameters().replaced(changes)
     warm_up(parameters)
-    from polymap_ros.mapping import annealing, beamforming, region
+    from polymap_ros.geometry import overlap
+    from polymap_ros.maps import beamforming
+    from polymap_ros.solvers.paper import annealing
 
-    kernels = [each for module in (annealing, beamforming, region) for each in vars(module).values()
+    kernels = [each for module in (annealing, beamforming, overlap) for each in vars(module).values()
                if isinstance(each, numba.core.dispatcher.Dispatcher)]
     before = [len(each.signatures) for each in kernels]
     assert sum(before) > 3

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.comparison import compare
+from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.waveforms import simulate

@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import pings
@@ -57,6 +57,21 @@ def test_pings_wait_for_their_filter_in_order_and_give_the_same_map(ride):
     assert same(mapper, at_once)
 
 
+def test_a_mapper_that_is_held_loses_nothing_and_goes_on_to_the_same_map(ride):
+    mapper, at_once = PolygonMapper(PARAMETERS), PolygonMapper(PARAMETERS)
+    mapper.intake.held = True
+    feed(mapper, ride)
+    assert (mapper.counts.used, mapper.counts.waiting) == (0, len(ride))
+    saved = PolygonMapper.from_state(PARAMETERS, mapper.twin().state())
+    saved.intake.resuming = False
+    mapper.intake.held = False
+    for each in (mapper, saved):
+        each.go_on()
+    feed(at_once, ride)
+    assert same(mapper, at_once)
+    assert same(saved, at_once)
+
+
 def test_pings_that_have_waited_are_used_a_few_at_a_time(ride):
     late, early = PolygonMapper(PARAMETERS, at_most=4), PolygonMapper(PARAMETERS)
     for each in (late, early):
@@ -65,7 +80,7 @@ def test_pings_that_have_waited_are_used_a_few_at_a_time(ride):
             each.add_ping(dataclasses.replace(ride[k][1], stamp_ns=k + 1, samples=ride[0][1].samples + 1e-3 * k))
         each.add_pose(10**6, Pose(0.6, 0.3))
     used = [late.counts.used]
-    while late.behind:
+    while late.intake.behind:
         late.go_on()
         used.append(late.counts.used)
     assert used == [4, 8, 9]
@@ -96,12 +111,7 @@ def test_a_reset_and_a_change_of_parameters_leave_a_solve_of_the_twin_alone(ride
     expected = answer(reference.solve())
     for change in (PolygonMapper.reset, lambda each: each.configure(PARAMETERS.replaced({'solver.iterations': 5}))):
         twin = mapper.twin()
-        twin.begin_solve()
-        twin.advance(10)
-        change(mapper)
-        while not twin.advance(10):
-            pass
-        assert answer(twin.estimate) == expected
+        assert answer(twin.solve(lambda change=change: change(mapper))) == expected
         mapper.reset()
         mapper.configure(PARAMETERS)
         feed(mapper, ride)

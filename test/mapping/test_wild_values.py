@@ -7,9 +7,9 @@ import pytest
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import BadOdometry, StateError
+from polymap_ros.geometry.plane import SpatialPose
+from polymap_ros.geometry.pose import FARTHEST_M, Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.plane import SpatialPose
-from polymap_ros.mapping.pose import FARTHEST_M, Pose
 from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.messages.outputs import odometry_message
 from polymap_ros.parameters import Parameters
@@ -108,7 +108,7 @@ def test_any_stamp_and_an_empty_frame_of_a_message_can_be_mapped_and_saved(sec):
         mapper.add_ping(dataclasses.replace(ping(k), stamp_ns=stamp_ns + k * 10**8))
     assert mapper.counts.used == 3
     again = PolygonMapper.from_state(PARAMETERS, mapper.state())
-    assert (again.frame_id, again.newest_pose_ns) == ('', stamp_ns + 2 * 10**8)
+    assert (again.frame_id, again.intake.newest_ns) == ('', stamp_ns + 2 * 10**8)
 
 
 def test_ten_million_samples_are_too_long():

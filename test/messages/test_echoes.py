@@ -101,11 +101,28 @@ def test_lidar_scan_is_refused_in_words(make, header):
 
 
 @pytest.mark.parametrize('changes', [
-    {'range_min': float('nan')}, {'range_min': -0.1}, {'range_min': 2.0, 'range_max': 1.0},
-    {'range_max': float('inf')}, {'intensities': np.empty(0, np.float32)},
+    {'range_min': float('inf')}, {'range_min': -0.1}, {'range_max': float('-inf')},
+    {'range_min': 2.0, 'range_max': 1.0}, {'intensities': np.empty(0, np.float32)},
 ])
 def test_contradictory_laser_scan_is_refused(make, header, changes):
     assert refusal(scan(make, header, **changes), SCAN, EchoParameters()).reason == 'bad_shape'
+
+
+@pytest.mark.parametrize(('limits', 'taken'), [
+    ((0.05, float('inf')), (0.05, 0.0)), ((float('nan'), float('nan')), (0.0, 0.0)), ((0.0, 0.0), (0.0, 0.0)),
+    ((0.0, 3e38), (0.0, 3e38))])
+def test_a_last_range_without_end_and_limits_that_are_not_known_are_no_limits(make, header, limits, taken):
+    ping = ping_from_message(scan(make, header, range_min=limits[0], range_max=limits[1]), SCAN, EchoParameters(), 0)
+    assert (ping.range_min_m, ping.range_max_m) == pytest.approx(taken)
+
+
+def test_a_type_may_be_written_without_msg(make, header):
+    assert EchoParameters(type='sensor_msgs/LaserScan') == EchoParameters()
+
+
+def test_a_period_in_another_unit_than_the_parameter_says_is_named(make, header):
+    error = refusal(scan(make, header, time_increment=1.0), SCAN, EchoParameters(sample_period_s=1e-6))
+    assert str(error).endswith(': 1 looks like microseconds, the period is in seconds (1e-06)')
 
 
 def test_type_other_than_the_parameter_is_refused(make, header):

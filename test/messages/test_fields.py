@@ -71,7 +71,6 @@ def test_fields_that_cannot_be_are_refused_with_those_that_can(given, says):
 @pytest.mark.parametrize(('given', 'name'), [
     ({'type': 'sonar_msgs/msg/Sonar', 'sample_period_s': 1e-6}, 'echo.samples_field'),
     ({'type': 'Sonar', 'samples_field': 'data', 'sample_period_s': 1e-6}, 'echo.type'),
-    ({'type': 'sonar_msgs/Sonar', 'samples_field': 'data', 'sample_period_s': 1e-6}, 'echo.type'),
     ({'type': 'sonar_msgs/msg/Sonar', 'samples_field': 'data'}, 'echo.sample_period_s'),
     ({'type': 'sonar_msgs/msg/Sonar', 'samples_field': 'data', 'sample_period_s': 1e-6, 'stamp_field': ''},
      'echo.allow_unstamped'),

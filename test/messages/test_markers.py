@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
-from polymap_ros.mapping.lines import polygon_lines
+from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.messages.markers import Drawing, delete_all_message, drawing_of, marker_array_message, summary
 from polymap_ros.parameters import Parameters
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 SQUARE = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.0], [1.0, 2.0]])
@@ -80,7 +80,7 @@ def test_delete_all_is_one_marker(make, transported):
 def test_drawing_is_in_the_odometrys_frame(start):
     mapper = PolygonMapper(Parameters())
     mapper.free_area.add(0.5, 0.0, 0.3)
-    mapper.start_pose, mapper.frame_id = start, 'map'
+    mapper.start_pose, mapper.intake.frame_id = start, 'map'
     drawing = drawing_of(mapper)
     centre = start.apply(np.array([0.5, 0.0]))
     distances = np.hypot(*(drawing.free_area[0] - centre).T)

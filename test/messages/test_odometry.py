@@ -9,8 +9,8 @@ from rosbags.typesys import Stores, get_typestore
 from scipy.spatial.transform import Rotation
 
 from polymap_ros.errors import BadOdometry
-from polymap_ros.mapping.plane import XY
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.plane import XY
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.odometry import odometry_from_cdr, stamped_pose
 from polymap_ros.messages.outputs import odometry_message
 from polymap_ros.recordings.writing import make as recorded

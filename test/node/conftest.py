@@ -17,11 +17,12 @@ import pytest
 pytest.importorskip('rclpy')
 
 import rclpy
+import tf2_build
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.node.factory import make, message_class
 from polymap_ros.simulation.scene_file import load_scene
@@ -178,6 +179,21 @@ class Ride:
         for name, value in changes.items():
             setattr(message, name, value)
         self.echo.publish(message)
+
+
+@pytest.fixture(scope='module')
+def tf2_msgs(request) -> Iterator[None]:
+    """The type of /tf for this process and those it starts."""
+    try:
+        variables = tf2_build.environment(request.config.cache.mkdir('tf2_msgs'))
+    except tf2_build.NotBuilt as error:
+        pytest.skip(f'tf2_msgs could not be built: {error}')
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in variables.items():
+            patch.setenv(name, value)
+        if variables:
+            tf2_build.load(variables)
+        yield
 
 
 @pytest.fixture(scope='module')

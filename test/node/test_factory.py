@@ -11,7 +11,7 @@ from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message, polygon_message
 from polymap_ros.node.factory import converted, make, message_class
 

@@ -14,7 +14,7 @@ pytest.importorskip('rclpy')
 from rclpy.duration import Duration
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.node.factory import make
 from polymap_ros.simulation.scene_file import load_scene

@@ -141,7 +141,7 @@ def test_save_answers_with_a_new_absolute_folder_each_time(live):
     assert (first.name, second.name) == (f'{newest_ns}-1', f'{newest_ns}-2')
     for folder in (first, second):
         names = {path.name for path in folder.iterdir()}
-        assert names == {'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'}
+        assert names == {'polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml'}
     assert {path.name for path in live.saves.iterdir()} == {first.name, second.name}
 
 

@@ -6,7 +6,7 @@ pytest.importorskip('rclpy')
 
 import numpy as np
 
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import header, odometry_message
 from polymap_ros.node.factory import make
 from polymap_ros.recordings.writing import RecordingWriter

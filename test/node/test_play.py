@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from polymap_ros.acoustics.ping import Ping
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.odometry import stamped_pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.node.factory import message_class
@@ -85,7 +85,8 @@ def test_topics_are_remapped_and_namespaced(peer, start, recording):
 @pytest.mark.parametrize(('arguments', 'says'), [
     (['nowhere.mcap'], 'nowhere.mcap: no such recording'), (['{recording}'], 'no topic /echo'),
     (['{recording}', '--rate', '-1'], '--rate -1'), (['{recording}', '--rate', '1e-9'], '--rate 1e-09; allowed: 1e-06'),
-    (['{recording}', '--rate', '1e308'], '--rate 1e+308'), (['{recording}', '--speed', '2'], '--speed'),
+    (['{recording}', '--rate', '1e308'], '--rate 1e+308'), (['{recording}', '--wait', '-1'], '--wait -1'),
+    (['{recording}', '--speed', '2'], '--speed'),
     (['{recording}', '-p', 'topics.eco:=x'], 'did you mean topics.echo'),
     (['{recording}', '-p', 'topics.echo:=/sonar/raw', '--ros-args', '-r', 'odom:=1st'], "remap rule: '-r odom:=1st'"),
     (['{recording}', '-p', 'topics.echo:=/sonar/raw', '--ros-args', '--odom'], "unknown ROS arguments: ['--odom']"),
@@ -118,3 +119,29 @@ def test_messages_beyond_the_end_of_clock_are_not_played(start, tmp_path):
     process = start(str(path), '-p', 'topics.echo:=/sonar/raw', '--wait', '0', command='play', ready='')
     assert process.end() == 2
     assert 'late.mcap: a message on /odom was logged at 2.14748365e+09 s, which is beyond /clock' in process.lines[-1]
+
+
+def test_it_waits_for_a_subscriber_to_each_topic_and_says_for_which(peer, start, recording):
+    odometry = peer.listen('/robot/odom', ODOMETRY, 1000)
+    process = play(start, recording, '--rate', '10', '--ros-args', '-r', '__ns:=/robot')
+    assert process.wait_for_line('waiting for').startswith('polymap_play: waiting for a subscriber to /robot/echo: ')
+    assert odometry == []
+    echoes = peer.listen('/robot/echo', SCAN, 1000)
+    peer.spin_until(lambda: len(odometry) == N_ODOMETRY and len(echoes) == N_ECHOES, 'all messages')
+    assert process.end() == 0
+
+
+def test_where_nobody_comes_it_says_so_and_plays_all_the_same(peer, start, recording):
+    peer.listen('odom', SCAN, 1000)
+    process = start(str(recording), '-p', 'topics.echo:=/sonar/raw', '--wait', '1.5', '--rate', '20', command='play',
+                    ready='nobody has subscribed to /odom and /echo after 1.5 s')
+    assert 'the subscriber to /odom wants another type or QoS: playing all the same' in process.lines[-1]
+    assert process.end() == 0
+    assert process.lines[-1] == '60 messages played'
+
+
+def test_it_does_not_wait_where_it_is_not_to(start, recording):
+    process = start(str(recording), '-p', 'topics.echo:=/sonar/raw', '--wait', '0', '--rate', '20', command='play',
+                    ready='')
+    assert process.end() == 0
+    assert process.lines == ['60 messages played']

@@ -7,27 +7,30 @@ import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.factory import message_class
+from polymap_ros.node.saving import write
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.arrays import read_state
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 TRIGGER = 'std_srvs/srv/Trigger'
 RELIABLE = [part for topic in ('odom', 'echo')
             for part in ('-p', f'qos_overrides./{topic}.subscription.reliability:=reliable')]
 RELIABLE += ['-p', 'solver.method:=paper']
 KILLS = 40
-FILES = {'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'}
+FILES = {'polygon.json', 'state.npz', 'trajectory.tum', 'map.pgm', 'map.yaml'}
 
 WRITER = """
 import os, signal, sys, time
 import numpy as np
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.node.saving import write
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scene_file import load_scene
@@ -56,7 +59,7 @@ write(mapper, estimate, parameters)
 
 TOGETHER = """
 import sys
-from polymap_ros.mapping.estimate import Estimate
+from polymap_ros.solvers.estimate import Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.saving import write
 from polymap_ros.parameters import Parameters
@@ -102,7 +105,29 @@ def test_nodes_that_save_side_by_side_at_the_same_stamp_do_not_get_in_each_other
     assert [process.wait(120) for process in processes] == [0, 0, 0]
     assert {path.name for path in tmp_path.iterdir()} == {f'0-{n}' for n in range(1, 151)}
     for folder in tmp_path.iterdir():
-        assert {path.name for path in folder.iterdir()} == {'polygon.json', 'state.npz'}
+        assert {path.name for path in folder.iterdir()} == {'polygon.json', 'state.npz', 'trajectory.tum'}
+
+
+def test_a_save_without_a_map_or_a_state_says_so(tmp_path):
+    """Files may have 1 kB, and then so much that only the map is too large."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    parameters = Parameters().replaced({'output.dir': str(tmp_path), 'map.margin_m': 4.0})
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    edges = tuple(Edge(r, theta, 1.0) for r, theta in ((0.0, -np.pi / 2), (np.sqrt(0.5), np.pi / 4), (0.0, np.pi)))
+    mapper = PolygonMapper(parameters)
+    estimate = Estimate('closed', 'evidence', polygon=Candidate(corners, edges))
+    missing = []
+    try:
+        for size in (6_000, 3_000_000):
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+            saved = write(mapper, estimate, parameters)
+            names = {path.name for path in saved.folder.iterdir()}
+            missing.append((saved.whole, saved.problem.partition(': ')[0], names))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert missing == [
+        (False, 'state.npz', {'polygon.json', 'trajectory.tum'}),
+        (True, 'map.pgm and map.yaml', {'polygon.json', 'state.npz', 'trajectory.tum'})]
 
 
 def test_node_that_is_killed_leaves_the_saves_it_has_answered_for(peer, start, tmp_path, riding):
@@ -146,3 +171,21 @@ def test_full_disk_is_told_and_the_node_goes_on(peer, start, tmp_path, riding):
     resource.prlimit(node.popen.pid, resource.RLIMIT_FSIZE, unlimited)
     assert peer.call('/polymap_node/save', TRIGGER).success
     peer.spin_until(lambda: 'cannot save' not in values()['message'], 'the end of the trouble')
+
+
+def test_a_last_save_with_room_for_the_polygon_alone_stays_beside_the_whole_one_before(peer, start, tmp_path, riding):
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path}', '-p', 'output.autosave_s:=0.2')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 5)
+    peer.spin_until(lambda: values().get('saved'), 'an automatic save')
+    resource.prlimit(node.popen.pid, resource.RLIMIT_FSIZE,
+                     (6_000, resource.prlimit(node.popen.pid, resource.RLIMIT_FSIZE)[1]))
+    ride.publish(5, 8)
+    peer.until_used(values, 8)
+    node.wait_for_line('state.npz: not written: ')
+    assert node.stop(signal.SIGTERM) == 0
+    folders = sorted(results(tmp_path), key=lambda folder: int(folder.name.partition('-')[0]))
+    older, newest = ({path.name for path in folder.iterdir()} for folder in folders)
+    assert {'polygon.json', 'state.npz', 'trajectory.tum'} <= older
+    assert 'polygon.json' in newest
+    assert 'state.npz' not in newest

@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.node.factory import make, message_class
 from polymap_ros.results.arrays import read_state

@@ -12,10 +12,13 @@ TRIANGLE = str(Path(__file__).parents[2] / 'bags' / 'triangle')
 
 def test_names_for_other_nodes_are_left_alone(start, tmp_path):
     file = tmp_path / 'all.yaml'
-    file.write_text('/**: {ros__parameters: {map: {file: foo.yaml}, solver: {max_edges: 7}}}\n'
-                    'other_node: {ros__parameters: {map: {file: bar.yaml}}}\n')
+    file.write_text('/**: {ros__parameters: {map: {file: foo.yaml}, solver: {max_edges: 7, methode: paper}}}\n'
+                    'other_node: {ros__parameters: {map: {folder: bar}}}\n')
     node = start('--ros-args', '--params-file', str(file))
     assert any('solver.max_edges: 7' in line for line in node.lines)
+    told = [line for line in node.lines if 'WARN' in line and 'is left alone' in line]
+    assert [line.partition('; ')[2] for line in told] == ['its group, map, is one of ours',
+                                                          'did you mean solver.method?']
 
 
 @pytest.mark.parametrize(('rule', 'key', 'warned'), [

@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip('rclpy')
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.node.latency import Latency
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
@@ -43,7 +43,8 @@ def test_the_longest_callback_is_known_by_name_even_if_it_fails():
 def test_latency_is_from_the_reception_to_the_map():
     """Pings that were received 1, 2, ... 100 ms ago and are placed by the odometry now."""
     mapper = PolygonMapper(Parameters())
-    latency = Latency(mapper)
+    latency = Latency()
+    mapper.placed = latency.placed
     assert np.isnan(latency.percentile_s(50))
     samples = np.random.default_rng(1).normal(size=2048).astype(np.float32)
     mapper.add_pose(0, Pose(0.0, 0.0))

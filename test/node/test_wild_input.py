@@ -7,7 +7,7 @@ pytest.importorskip('rclpy')
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import echo_message, header, odometry_message
 from polymap_ros.node.factory import make
 from polymap_ros.simulation.scene_file import load_scene

@@ -8,8 +8,8 @@ from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import ParameterError, RecordingError
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.messages.outputs import odometry_message
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Recording
@@ -163,7 +163,7 @@ def test_float_images_and_those_of_the_other_byte_order(record, scene, counts):
 def test_more_than_one_beam_is_dropped_and_said(record, scene, counts):
     mapper = replayed(record(RAW_IMAGE, raw_image(counts, beams=2)), parameters_of(scene, RAW_IMAGE, 'image.data'))
     assert mapper.counts.dropped == {'bad_shape': len(counts)}
-    assert mapper.last_drop_texts['bad_shape'] == 'image.data holds 2 beams; an A-scan is one'
+    assert mapper.intake.last_drop_texts['bad_shape'] == 'image.data holds 2 beams; an A-scan is one'
 
 
 def test_sonar_echoes_are_counts_of_a_magnitude(record, scene):

@@ -97,7 +97,7 @@ def test_messages_that_metadata_announces_and_the_file_lacks_are_a_caution(write
         seen = [entry.topic for entry in recording.messages()]
         (caution,) = recording.cautions(['/odom', '/echo'])
     assert seen.count('/echo') == 17
-    assert (caution.code, caution.text) == (
+    assert (caution.code, caution.finding) == (
         'recording_incomplete', '/echo: 17 messages found where the recording announces 20')
 
 
@@ -111,7 +111,7 @@ def test_a_message_that_cannot_be_decoded_is_skipped_and_counted(write_recording
         assert recording.damaged == {'/echo': 3}
         (caution,) = recording.cautions(['/odom', '/echo'])
     assert seen.count('/echo') == 17
-    assert (caution.code, caution.text) == ('recording_damaged', '/echo: 3 of 20 messages cannot be decoded')
+    assert (caution.code, caution.finding) == ('recording_damaged', '/echo: 3 of 20 messages cannot be decoded')
 
 
 def test_nothing_there(tmp_path):
@@ -124,7 +124,8 @@ def test_a_folder_without_metadata_and_one_file_is_that_file_with_a_caution(writ
     with Recording.open(path) as recording:
         assert len(list(recording.messages())) == 61
         (caution,) = recording.cautions(['/odom', '/echo'])
-    assert caution.text == 'run holds no metadata.yaml: what is missing cannot be told'
+    assert caution.code == 'recording_inconsistent'
+    assert caution.finding == 'run holds no metadata.yaml: what is missing cannot be told'
 
 
 def test_a_folder_of_several_recordings_asks_for_one(write_recording):
@@ -151,7 +152,9 @@ def test_metadata_that_is_none(write_recording, text):
     with Recording.open(path) as recording:
         assert len(list(recording.messages())) == 61
         (caution,) = recording.cautions(['/odom', '/echo'])
-    assert caution.code == 'recording_damaged'
+    assert caution.code == 'recording_inconsistent'
+    assert 'ros2 bag reindex' in caution.remedy
+    assert 'NoneType' not in caution.text
     assert caution.text.startswith('run has a metadata.yaml that cannot be read (')
 
 
@@ -162,13 +165,16 @@ def test_a_file_that_is_no_recording(tmp_path, name, content):
     refusal(tmp_path / name)
 
 
-def test_metadata_with_a_future_version_is_refused(write_recording):
+def test_metadata_with_a_future_version_is_told_and_the_files_are_read(write_recording):
     path = write_recording()
     metadata = YAML(typ='safe').load((path / 'metadata.yaml').read_text())
     metadata['rosbag2_bagfile_information']['version'] = 99
     with (path / 'metadata.yaml').open('w') as file:
         YAML(typ='safe').dump(metadata, file)
-    assert 'metadata.yaml has version 99; allowed: up to 9' in refusal(path)
+    with Recording.open(path) as recording:
+        assert len(list(recording.messages())) == 61
+        (caution,) = recording.cautions(['/odom', '/echo'])
+    assert (caution.code, caution.text[:28]) == ('recording_inconsistent', 'metadata.yaml has version 99')
 
 
 def test_truth_is_found_inside_a_directory_and_beside_a_file(write_recording, tmp_path):

@@ -7,8 +7,8 @@ import pytest
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import RecordingError
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Recording
 from polymap_ros.recordings.replay import Replay
@@ -83,7 +83,7 @@ def test_odometry_that_cannot_be_used_is_counted_by_reason(write_recording):
     assert (replay.odometry.received, replay.odometry.used) == (44, 41)
     assert replay.odometry.dropped == {'bad_pose': 1, 'other_frame': 2}
     (caution,) = replay.cautions()
-    assert caution.text == '/odom: of 44 messages dropped: 1 bad_pose, 2 other_frame'
+    assert caution.finding == '/odom: of 44 messages dropped: 1 bad_pose, 2 other_frame'
 
 
 def test_stamps_that_go_back_are_counted(write_recording):
@@ -104,7 +104,7 @@ def test_one_stamp_far_ahead_costs_no_ping_and_is_said(write_recording):
     assert (mapper.counts.used, mapper.counts.dropped) == (20, {})
     assert (replay.odometry.received, replay.odometry.used) == (42, 41)
     (caution,) = replay.cautions()
-    assert caution.text == '/odom: of 42 messages dropped: 1 stamped_ahead'
+    assert caution.finding == '/odom: of 42 messages dropped: 1 stamped_ahead'
 
 
 def test_a_stamp_never_filled_in_costs_no_ping(write_recording):

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import RecordingError
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.messages.outputs import echo_message, odometry_message
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.reading import Recording
@@ -94,7 +94,7 @@ def test_without_it_the_robots_base_is_taken_for_the_sensor(record, scene):
 def test_frames_that_are_not_connected_drop_every_ping_with_their_names(record, scene, options, says):
     mapper = replayed(record(**options), scene, FROM_TF)
     assert mapper.counts.dropped == {'no_pose': len(scene.poses)}
-    assert says in mapper.last_drop_texts['no_pose']
+    assert says in mapper.intake.last_drop_texts['no_pose']
 
 
 def test_a_recording_without_static_transforms_is_refused_with_the_remedy(record, scene):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
 from polymap_ros.parameters import Parameters
 
 PARAMETERS = Parameters().replaced({

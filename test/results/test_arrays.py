@@ -8,9 +8,9 @@ import pytest
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import StateError
-from polymap_ros.mapping.beamforming import BeamformingMap
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.maps.beamforming import BeamformingMap
 from polymap_ros.parameters import GridParameters, Parameters
 from polymap_ros.results.arrays import beam_map_npz, npz, read_state, state_npz
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import shapely
 
-from polymap_ros.mapping.estimate import Candidate, Edge
-from polymap_ros.mapping.lines import polygon_lines
-from polymap_ros.mapping.pose import Pose
+from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.results.dimensions import dimensions
+from polymap_ros.solvers.estimate import Candidate, Edge
 
 PENTAGON = np.array([[0.0, 0.0], [1.0, 0.0], [1.3, 0.7], [0.6, 1.2], [-0.2, 0.6]])
 NEEDLE = np.array([[0.0, 0.0], [2.0, 0.0], [2.1, 0.3]])
@@ -115,3 +115,11 @@ def test_what_no_solver_says_is_not_known():
     assert np.all(np.isnan(found.angle_stds_rad))
     assert np.isnan(found.area_std_m2)
     assert np.all(found.lengths_m > 0.0)
+
+
+def test_the_area_is_as_exact_far_from_the_origin():
+    shape = np.array([[0.0, 0.0], [0.25, 0.0], [0.25, 0.125], [0.0, 0.125]])
+    for x, y in ((0.0, 0.0), (691234.5, 5334567.25), (-3e8, 7.75)):
+        corners = shape + (x, y)
+        polygon = Candidate(corners, tuple(Edge(r, theta, 1.0) for r, theta in polygon_lines(corners)))
+        assert dimensions(polygon).area_m2 == 0.25 * 0.125

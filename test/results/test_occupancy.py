@@ -6,9 +6,9 @@ import shapely
 import yaml
 from scipy import ndimage
 
-from polymap_ros.errors import ParameterError
+from polymap_ros.parameters import Parameters
 from polymap_ros.results.map_files import map_yaml, pgm
-from polymap_ros.results.occupancy import FREE, OCCUPIED, UNKNOWN, occupancy
+from polymap_ros.results.occupancy import FREE, OCCUPIED, UNKNOWN, cell_size, occupancy, occupancy_of
 
 TRIANGLE = [[0.013, 0.007], [1.2, 0.0], [0.4, 0.9]]
 PENTAGON = [[0, 0], [1, 0], [1.3, 0.7], [0.6, 1.2], [-0.2, 0.6]]
@@ -47,9 +47,45 @@ def test_the_border_is_as_wide_as_asked():
     assert grid.cells.shape[1] - 1 - columns.max() >= 5
 
 
-def test_a_map_beyond_reason_is_refused():
-    with pytest.raises(ParameterError, match=r'map\.resolution_m: 1e-06 makes a map of 1e\+12 cells; allowed: up to'):
-        occupancy([[0, 0], [1, 0], [1, 1]], 1e-6, 0.0)
+def square(side_m):
+    return [[0, 0], [side_m, 0], [side_m, side_m], [0, side_m]]
+
+
+def test_a_large_place_has_larger_cells_and_is_told_so():
+    """The hall is 48 x 44 m: at 5 mm 85 million cells."""
+    hall = [[0, 0], [48, 0], [48, 44], [0, 44]]
+    size = cell_size(hall, Parameters())
+    assert (size.resolution_m, size.caution.code) == (0.01, 'map_coarse')
+    assert size.caution.text.startswith('the cells of the map are 0.01 m wide, not 0.005 m')
+    grid = occupancy_of(hall, Parameters())
+    assert grid.resolution_m == 0.01
+    assert np.count_nonzero(grid.cells == FREE) == pytest.approx(48 * 44 / 0.01**2, rel=1e-3)
+
+
+@pytest.mark.parametrize(('side_m', 'expected_m'), [(34.0, 0.005), (37.0, 0.01), (1e3, 0.25), (1e7, 2500.0)])
+def test_the_cells_are_no_larger_than_they_need_to_be(side_m, expected_m):
+    chosen_m = cell_size(square(side_m), Parameters()).resolution_m
+    assert chosen_m == pytest.approx(expected_m)
+
+
+@pytest.mark.parametrize('given_m', [0.005, 1e-6])
+def test_a_size_that_was_asked_for_is_kept_or_costs_the_map(given_m):
+    parameters = Parameters().replaced({'map.resolution_m': given_m})
+    size = cell_size(square(50.0), parameters)
+    assert (size.resolution_m, size.caution.code) == (None, 'map_too_large')
+    assert size.caution.text.startswith('there is no map: a place of 50 x 50 m has ')
+    assert f'cells of {given_m:g} m' in size.caution.text
+    assert size.caution.remedy == 'set map.resolution_m to 0.01, or to 0, which chooses it by itself'
+    assert occupancy_of(square(50.0), parameters) is None
+    assert cell_size(square(1.0), Parameters().replaced({'map.resolution_m': 0.01})) == (0.01, None)
+
+
+@pytest.mark.parametrize('corner', [np.inf, np.nan, 1e300])
+def test_a_place_without_a_size_has_no_map(corner):
+    size = cell_size([[0, 0], [corner, 0], [1, 1]], Parameters())
+    assert (size.resolution_m, size.caution.code) == (None, 'map_too_large')
+    with pytest.raises(ValueError, match='cells'):
+        occupancy([[0, 0], [corner, 0], [1, 1]], 0.005, 0.0)
 
 
 def read_as_map_server(image, description):

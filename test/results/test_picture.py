@@ -1,16 +1,18 @@
 """The picture can be drawn of every answer, and shows what belongs in it."""
 
 import io
+import os
+import subprocess
 import sys
 
 import numpy as np
 import pytest
 
 from polymap_ros.errors import UsageError
-from polymap_ros.mapping.estimate import Candidate, Edge, Estimate
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.results import picture
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 pytest.importorskip('matplotlib')
 
@@ -77,6 +79,15 @@ def test_a_mapper_that_has_heard_nothing():
 
 
 def test_matplotlib_missing_says_how_to_get_it(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'matplotlib', None)
+    for name in ('matplotlib', 'matplotlib.figure'):  # it may have been imported before
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(UsageError, match=r"pip install 'polymap_ros\[plot\]'"):
         picture.require_matplotlib()
+
+
+def test_a_matplotlib_that_does_not_start_is_told_before_the_work():
+    code = 'from polymap_ros.results.picture import require_matplotlib; require_matplotlib()'
+    done = subprocess.run([sys.executable, '-c', code], env={**os.environ, 'MPLBACKEND': 'bogus'}, capture_output=True,
+                          text=True, timeout=60, check=False)
+    assert 'UsageError: a picture needs matplotlib, which cannot be started: ' in done.stderr.splitlines()[-1]
+    assert 'bogus' in done.stderr.splitlines()[-1]

@@ -6,12 +6,13 @@ import json
 import numpy as np
 
 from polymap_ros import __version__
-from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
-from polymap_ros.mapping.lines import polygon_lines
-from polymap_ros.mapping.ping_queue import PingCounts
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.polygon_json import encode, polygon_document
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 EDGE = Edge(r=0.5, theta=np.float64(-1.5), likelihood=np.float32(0.25), r_std=1e-4, theta_std=np.nan, pings=np.int64(7))
 SQUARE = Candidate(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (EDGE,) * 4)
@@ -29,9 +30,11 @@ def written(estimate, parameters=None, cautions=()):
 
 def test_the_keys_are_those_of_the_contract():
     found = written(CLOSED)
-    assert list(found) == ['format', 'status', 'frame_id', 'stamp_ns', 'method', 'vertices', 'edges', 'area',
-                           'area_std', 'walls', 'alternatives', 'cost', 'iou_free_area', 'pings', 'warnings',
+    assert list(found) == ['format', 'recording', 'status', 'frame_id', 'stamp_ns', 'method', 'vertices', 'edges',
+                           'area', 'area_std', 'walls', 'alternatives', 'cost', 'iou_free_area', 'pings',
+                           'trajectory', 'warnings',
                            'parameters', 'software']
+    assert found['recording'] is None
     assert (found['format'], found['status'], found['frame_id'], found['stamp_ns'], found['method']) == (
         'polymap/1', 'closed', 'odom', 12, 'paper')
     assert found['vertices'] == [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
@@ -47,11 +50,12 @@ def test_the_keys_are_those_of_the_contract():
 
 
 def test_an_ambiguous_answer_has_alternatives_only():
-    found = written(Estimate('ambiguous', 'paper', alternatives=(SQUARE, SQUARE), cautions=(Caution('a', 'b'),)),
-                    cautions=[Caution('c', 'd')])
+    cautions = (Caution('mirror_image', 'a', 'b'),)
+    estimate = Estimate('ambiguous', 'paper', alternatives=(SQUARE, SQUARE), cautions=cautions)
+    found = written(estimate, cautions=[Caution('slip', 'c', 'd')])
     assert (found['status'], found['vertices'], found['edges'], found['walls']) == ('ambiguous', [], [], [])
     assert [list(each) for each in found['alternatives']] == 2 * [['vertices', 'edges', 'area', 'area_std']]
-    assert found['warnings'] == [{'code': 'a', 'text': 'b'}, {'code': 'c', 'text': 'd'}]
+    assert found['warnings'] == [{'code': 'mirror_image', 'text': 'a; b'}, {'code': 'slip', 'text': 'c; d'}]
     assert (found['cost'], found['iou_free_area']) == (None, None)
 
 
@@ -89,3 +93,8 @@ def test_the_text_can_be_read_line_by_line():
     assert '  [1.0, 0.0],' in lines
     assert '  "grid.range_step_m": 0.005,' in lines
     assert max(map(len, lines)) < 200
+
+
+def test_a_recording_is_named_and_its_place_is_not():
+    document = polygon_document(CLOSED, 'odom', COUNTS, Parameters(), recording='dr\udcffve')
+    assert json.loads(encode(document))['recording'] == 'dr\\udcffve'  # a name that is no UTF-8, as UTF-8

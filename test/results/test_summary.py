@@ -2,12 +2,15 @@
 
 import numpy as np
 
-from polymap_ros.mapping.comparison import compare
-from polymap_ros.mapping.estimate import Candidate, Caution, Edge, Estimate
-from polymap_ros.mapping.lines import polygon_lines
-from polymap_ros.mapping.ping_queue import PingCounts
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.alignment import PathError
+from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.summary import summary
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
 ROOM = Candidate(CORNERS, tuple(Edge(r, theta, 0.5, pings=4) for r, theta in polygon_lines(CORNERS)))
@@ -56,11 +59,33 @@ def test_zero_has_no_sign():
 
 
 def test_answers_without_a_polygon():
-    caution = Caution('straight_path', 'drive a turn')
-    text = summary(Estimate('ambiguous', 'paper', alternatives=(ROOM, ROOM), cautions=(caution,)), 'odom', PingCounts())
+    caution = Caution('straight_path', 'the path is straight', 'drive a turn')
+    estimate = Estimate('ambiguous', 'paper', alternatives=(ROOM, ROOM))
+    text = summary(estimate, 'odom', PingCounts(), [caution])
     assert text.startswith('ambiguous: 2 polygons fit (method paper)')
     assert 'candidate 2' in text
-    assert 'warning (straight_path): drive a turn' in text
-    text = summary(Estimate('open', 'paper', walls=ROOM.edges[:1]), 'odom', PingCounts(), [Caution('x', 'y')])
+    assert 'warning (straight_path): the path is straight; drive a turn' in text
+    caution = Caution('not_closed', 'x', 'y')
+    text = summary(Estimate('open', 'paper', walls=ROOM.edges[:1]), 'odom', PingCounts(), [caution])
     assert text.startswith('open: no polygon closes (method paper)\ncertain walls\n')
-    assert text.endswith('pings: 0 received, 0 used\nwarning (x): y')
+    assert text.endswith('pings: 0 received, 0 used\nwarning (not_closed): x; y')
+
+
+def test_columns_stay_apart_far_away_and_say_what_r_is_about():
+    far = CORNERS + [500_000.0, 5_400_000.0]
+    edges = tuple(Edge(r, theta, 0.99, 1e-4, 1e-5, 4).moved(Pose(500_000.0, 5_400_000.0))
+                  for r, theta in polygon_lines(CORNERS))
+    answer = Estimate('closed', 'evidence', polygon=Candidate(far, edges))
+    lines = summary(answer, 'odom', PingCounts()).splitlines()
+    assert [len(line.split()) for line in lines[2:6] + lines[7:11]] == [7] * 8
+    assert lines[3].split()[1:3] == ['500002.00000', '5400000.00000']
+    [said] = [line for line in lines if line.startswith('r and its deviation')]
+    assert said == ("r and its deviation are about the frame's origin, 5423099 m away; at their middles the edges are "
+                    'good to 0.1 mm')
+    assert not any('away' in line for line in summary(
+        Estimate('closed', 'evidence', polygon=ROOM), 'odom', PingCounts()).splitlines())
+
+
+def test_an_error_of_the_path_is_told_in_millimetres_and_degrees():
+    found = summary(Estimate('open', 'evidence'), 'odom', PingCounts(), path_error=PathError(1.2345e-4, 3e-16, 0.01))
+    assert 'ATE 0.123 mm, worst ping 0.000 mm, heading 0.573 deg rms' in found

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from polymap_ros.acoustics.image_sources import visible_images
 from polymap_ros.acoustics.matched_filter import MatchedFilter
 from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
+from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.parameters import SensorParameters
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import Recipe, driven, random_scene

@@ -4,7 +4,7 @@ import numpy as np
 import pyroomacoustics
 import pytest
 
-from polymap_ros.acoustics.image_sources import visible_images
+from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.simulation.reflectors import Reflectors, heard_images
 

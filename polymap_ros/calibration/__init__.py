@@ -1,0 +1,1 @@
+"""Medium, odometry and time zero from the echoes themselves. Pure: no ROS, no files."""

@@ -1,0 +1,325 @@
+"""One recording of `polymap_replay`: heard, solved, told, and written."""
+
+import argparse
+import dataclasses
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from polymap_ros.commands import calibrating, console
+from polymap_ros.errors import OutputError, PolymapError, in_words
+from polymap_ros.parameters import Parameters
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from polymap_ros.calibration.fit import Fit
+    from polymap_ros.calibration.session import Tape
+    from polymap_ros.cautions import Caution
+    from polymap_ros.geometry.alignment import PathError
+    from polymap_ros.geometry.pose import Pose
+    from polymap_ros.mapping.mapper import PolygonMapper
+    from polymap_ros.recordings.reading import Recording
+    from polymap_ros.recordings.replay import Replay
+    from polymap_ros.results.folder import Entry
+    from polymap_ros.solvers.estimate import Candidate, Estimate
+
+PROGRAM = 'polymap_replay'
+_TO_ALIGN = 2
+"""Pings by which a path can be brought onto another."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a recording ended.
+
+    Parameters
+    ----------
+    recording, folder : Path
+        As given, and where its results are.
+    status : int
+        Exit status.
+    answer : str
+        Status of the estimate: ``closed``, ``ambiguous`` or ``open``; empty where there is none, or where it could not
+        be written.
+    warnings : tuple of str
+        Codes of the cautions.
+    edges : int or None
+        Of a closed polygon.
+    area_m2, area_std_m2 : float or None
+        Of a closed polygon [m2].
+    pings_received, pings_used : int
+        Counts.
+    seconds : float
+        Time that it took [s].
+    error : str
+        Why there is no answer, or which files are missing beside it; empty where nothing is wrong.
+    """
+
+    recording: Path
+    folder: Path
+    status: int
+    answer: str = ''
+    warnings: tuple[str, ...] = ()
+    edges: int | None = None
+    area_m2: float | None = None
+    area_std_m2: float | None = None
+    pings_received: int = 0
+    pings_used: int = 0
+    seconds: float = 0.0
+    error: str = ''
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A recording that was heard and solved; `parameters` are those after a calibration."""
+
+    recording: 'Recording'
+    replay: 'Replay'
+    mapper: 'PolygonMapper'
+    parameters: Parameters
+    estimate: 'Estimate'
+    cautions: 'Sequence[Caution]'
+    fit: 'Fit | None'
+    truth: 'NDArray[np.float64] | None'
+    true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None'
+
+    @property
+    def closed(self) -> 'Candidate | None':
+        """The polygon, if it is the answer."""
+        return self.estimate.polygon if self.estimate.status == 'closed' else None
+
+    @property
+    def complaints(self) -> 'list[Caution]':
+        """What stderr tells: what keeps the polygon from closing, or what the recording or the map lacks."""
+        from polymap_ros.cautions import causes
+
+        known = [*self.estimate.cautions, *self.cautions]
+        if self.closed is None:
+            return causes(known)
+        return [each for each in known if each.code.startswith(('recording_', 'map_'))]
+
+
+def attempt(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> Outcome:
+    """Replay one recording; whatever goes wrong is one line on stderr and an outcome."""
+    began_s = time.monotonic()
+    try:
+        return _replay(path, folder, parameters, arguments)
+    except Exception as error:  # a fault of ours, too, costs this recording only
+        text = in_words(error) if isinstance(error, PolymapError) else f'{path}: {in_words(error)}'
+        console.complain(PROGRAM, f'error: {text}')
+        return Outcome(path, folder, console.WRONG, seconds=time.monotonic() - began_s, error=text)
+
+
+def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> Outcome:
+    from polymap_ros.recordings.finding import recording_name
+    from polymap_ros.recordings.reading import Recording
+    from polymap_ros.results.folder import check_folder, write_results
+    from polymap_ros.results.save import answer
+
+    began_s = time.monotonic()
+    console.tell_compiling(PROGRAM)
+    check_folder(folder)
+    with Recording.open(path) as recording:
+        mapped = _mapped(recording, parameters, arguments)
+        _tell(mapped, arguments.exports)
+        _complain(mapped)
+        files = answer(mapped.mapper, mapped.estimate, mapped.parameters, mapped.cautions, recording_name(path))
+        saved = True
+        try:
+            unwritten = write_results(folder, files, _accompaniments(mapped, arguments))
+            problems = [each.within(folder) for each in unwritten]
+            console.tell(f'{time.monotonic() - began_s:.1f} s; results in {console.in_one_line(folder)}')
+        except OutputError as error:
+            saved, problems = False, [str(error)]
+    for problem in problems:
+        console.complain(PROGRAM, f'error: {problem}')
+    outcome = _outcome(mapped, folder, time.monotonic() - began_s, '; '.join(problems))
+    return outcome if saved else dataclasses.replace(outcome, answer='')
+
+
+def _mapped(recording: 'Recording', parameters: Parameters, arguments: argparse.Namespace) -> Mapped:
+    """Hear the recording, calibrate where that is asked for, solve, and check what is in doubt."""
+    from polymap_ros.calibration.fit import Fit
+    from polymap_ros.cautions import of_the_first_stage
+    from polymap_ros.pulse_file import read_pulse
+    from polymap_ros.recordings.truth import read_true_path, read_truth
+    from polymap_ros.results.save import map_cautions
+
+    name, interval_s = recording.path.name, (arguments.start, arguments.end)
+    truth, true_path = read_truth(recording.path), read_true_path(recording.path)
+    mapper, replay, tape = _heard(recording, parameters, interval_s)
+    noted, fit = [], None
+    if what := calibrated(arguments):
+        session = tape.session(read_pulse(parameters))
+        fit = calibrating.found(session, what, name)
+        noted += [calibrating.heard_directly(session)] if what == 'time zero' else []
+        noted.append(calibrating.told(session, fit))
+        if isinstance(fit, Fit):
+            parameters = parameters.replaced(fit.values)
+            mapper, replay, tape = _heard(recording, parameters, interval_s)
+    estimate = console.worked(mapper.solve, f'{name}: solving')
+    if not noted:
+        noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
+    if mapper.plane and not mapper.plane.is_xy:
+        truth = true_path = None  # they are in the odometry's x and y
+    cautions = (*replay.cautions(), *noted, *map_cautions(estimate, parameters))
+    estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
+    return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
+                  truth, true_path)
+
+
+def _accompaniments(mapped: Mapped, arguments: argparse.Namespace) -> 'Iterator[Entry]':
+    """Give what is written beside the answer, in this order; whatever one of them raises costs only its own files."""
+    from polymap_ros.geometry.plane import XY
+    from polymap_ros.recordings.replay import some_pings
+    from polymap_ros.results import folder as names
+    from polymap_ros.results.arrays import beam_map_npz
+    from polymap_ros.results.calibration_yaml import calibration_yaml
+    from polymap_ros.results.export import exported
+    from polymap_ros.results.folder import Entry
+    from polymap_ros.results.picture import picture_png
+    from polymap_ros.results.save import map_files
+    from polymap_ros.results.signal_picture import signals_png
+
+    mapper, estimate, parameters, replay = mapped.mapper, mapped.estimate, mapped.parameters, mapped.replay
+    interval_s = arguments.start, arguments.end
+    if fit := mapped.fit:
+        yield Entry.of(names.CALIBRATION, lambda: calibration_yaml(fit.values, fit.deviations))
+    yield from map_files(estimate, parameters)
+    for kind in arguments.exports:
+        yield Entry.of(f'polygon.{kind}', partial(exported, kind, estimate, mapper.map_frame, mapper.plane or XY))
+    if arguments.save_map:
+        yield Entry.of(names.BEAM_MAP, lambda: beam_map_npz(mapper.surroundings.beam_map, mapper.start_pose))
+    if arguments.plot:
+        yield Entry.of(names.PICTURE, lambda: picture_png(mapper, estimate, mapped.truth, mapped.true_path))
+    if arguments.plot_signals:
+        yield Entry.of(names.SIGNALS, lambda: signals_png(
+            mapper, some_pings(mapped.recording, replay.echo_topic, parameters, *interval_s)))
+    if arguments.report:
+        yield Entry.of(names.REPORT, partial(_report, mapped))
+    if arguments.record:
+        yield Entry((names.RECORD,), partial(_write_record, mapped, interval_s))
+
+
+def _report(mapped: Mapped) -> bytes:
+    from polymap_ros.geometry.plane import XY
+    from polymap_ros.recordings.finding import recording_name
+    from polymap_ros.results.polygon_json import polygon_document
+    from polymap_ros.results.report.heard import Survey
+    from polymap_ros.results.report.page import report_html
+
+    mapper, estimate = mapped.mapper, mapped.estimate
+    document = polygon_document(
+        estimate, mapper.map_frame, mapper.counts, mapped.parameters, mapped.cautions, mapper.plane or XY,
+        recording_name(mapped.recording.path))
+    return report_html(document, [*estimate.cautions, *mapped.cautions], Survey.of(mapper, mapped.truth))
+
+
+def _write_record(mapped: Mapped, interval_s: 'tuple[float | None, float | None]', folder: Path) -> None:
+    from polymap_ros.pulse_file import read_pulse
+    from polymap_ros.recordings.outcome import write_outcome
+    from polymap_ros.results.folder import RECORD
+    from polymap_ros.results.loading import loaded_mapper
+
+    with console.progress(f'{mapped.recording.path.name}: recording', mapped.replay.total, 'msg') as advance:
+        again = loaded_mapper(mapped.parameters, read_pulse(mapped.parameters))
+        write_outcome(folder / RECORD, mapped.recording, mapped.mapper, again, *interval_s, advance)
+
+
+def _tell(mapped: Mapped, exports: Sequence[str]) -> None:
+    """Print the answer, before anything is written that may fail."""
+    from polymap_ros.geometry.polygon_error import compare
+    from polymap_ros.results.export import is_exported
+    from polymap_ros.results.summary import summary
+
+    mapper, odometry, truth = mapped.mapper, mapped.replay.odometry, mapped.truth
+    frame = mapper.map_frame
+    if mapper.plane and not mapper.plane.is_xy:
+        frame = f'the plane of the first pose in {frame}'
+    motion, off = _aligned(mapped)
+    comparison = compare(motion.apply(mapped.closed.vertices), truth) if mapped.closed and truth is not None else None
+    others = [each for each in (*mapped.estimate.cautions, *mapped.cautions) if each not in mapped.complaints]
+    text = summary(mapped.estimate, frame, mapper.counts, others, comparison, off)
+    console.tell(f'{console.in_one_line(mapped.recording.path)}: {text}')
+    console.tell(f'odometry: {odometry.received} received, {odometry.used} used')
+    if missing := [f'polygon.{kind}' for kind in exports if not is_exported(kind, mapped.estimate)]:
+        console.tell(f'no {", ".join(missing)}: there is no polygon to export')
+
+
+def _aligned(mapped: Mapped) -> 'tuple[Pose, PathError | None]':
+    """The motion that brings an estimated path onto the true one, and how far it is off then; none where not known."""
+    import numpy as np
+
+    from polymap_ros.geometry.alignment import alignment, path_error
+    from polymap_ros.geometry.pose import Pose
+
+    if mapped.true_path is None:
+        return Pose(0.0, 0.0), None
+    path, (stamps, poses) = mapped.mapper.path(), mapped.true_path
+    _, mine, true = np.intersect1d(path.stamps_ns[~path.lost], stamps, return_indices=True)
+    if len(mine) < _TO_ALIGN:
+        return Pose(0.0, 0.0), None
+    found = path.poses[~path.lost][mine]
+    motion = alignment(found[:, :2], poses[true, :2])
+    off = path_error(found, poses[true], motion)
+    return motion if mapped.estimate.trajectory else Pose(0.0, 0.0), off
+
+
+def _complain(mapped: Mapped) -> None:
+    """Say on stderr why no polygon closes, or what the answer lacks; `_tell` leaves that out."""
+    path = mapped.recording.path
+    if mapped.closed is None:
+        console.complain(PROGRAM, f'{path}: {_reason(mapped)}')
+        return
+    for caution in mapped.complaints:
+        console.complain(PROGRAM, f'warning: {path}: {caution.text}')
+
+
+def _outcome(mapped: Mapped, folder: Path, seconds: float, error: str) -> Outcome:
+    from polymap_ros.results.dimensions import dimensions
+
+    estimate, closed, counts = mapped.estimate, mapped.closed, mapped.mapper.counts
+    sizes = dimensions(closed) if closed else None
+    status = console.DONE if closed else console.NO_POLYGON
+    return Outcome(
+        mapped.recording.path, folder, console.WRONG if error else status, estimate.status,
+        tuple(each.code for each in (*estimate.cautions, *mapped.cautions)),
+        len(closed.edges) if closed else None, sizes.area_m2 if sizes else None, sizes.area_std_m2 if sizes else None,
+        counts.received, counts.used, seconds, error)
+
+
+def calibrated(arguments: argparse.Namespace) -> str:
+    """What is to be found from the recording itself; empty if nothing is."""
+    asked = {'medium': arguments.calibrate, 'odometry': arguments.fit_odometry, 'time zero': arguments.fit_time_zero}
+    return next((what for what, wanted in asked.items() if wanted), '')
+
+
+def _heard(
+    recording: 'Recording', parameters: Parameters, interval_s: 'tuple[float | None, float | None]'
+) -> 'tuple[PolygonMapper, Replay, Tape]':
+    """A mapper that has taken the whole recording, and what it used."""
+    from polymap_ros.calibration.session import Tape
+    from polymap_ros.pulse_file import read_pulse
+    from polymap_ros.recordings.replay import Replay
+    from polymap_ros.results.loading import loaded_mapper
+
+    mapper = loaded_mapper(parameters, read_pulse(parameters))
+    tape = Tape(mapper)
+    replay = Replay(recording, mapper, parameters, *interval_s)
+    with console.progress(f'{recording.path.name}: reading', replay.total, 'msg') as advance:
+        for _ in replay:
+            advance(1)
+            if mapper.solve_due:
+                mapper.solve()
+    return mapper, replay, tape
+
+
+def _reason(mapped: Mapped) -> str:
+    """Why no polygon closes."""
+    parts = [caution.text for caution in mapped.complaints]
+    return f'{mapped.estimate.status}, no polygon closes: {"; ".join(parts)}'

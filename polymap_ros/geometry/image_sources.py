@@ -1,0 +1,291 @@
+"""Visible image sources I(x, M) of eq. (1) in a simple polygon, for a receiver at the source or beside it.
+
+Every image carries the beam of its rays: the part of its last wall that they light. A further wall is hit where it lies
+in that beam. In a convex polygon nothing else can stand in the way, so the search visits visible images and their
+children only, wall by wall along the beam, to any order and exactly. In any other, every wall in the beam and beyond
+the last one is followed, and each leg of an audible path is tested against all walls.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from polymap_ros.geometry.outline import is_convex
+from polymap_ros.jit import kernel
+
+_TIE = 1e-9
+"""Relative tolerance of visibility. A ray through a corner (as for every right-angled one, with the receiver at the
+source) counts for both orders of its walls; their images coincide and are merged into one."""
+
+
+class Images(NamedTuple):
+    """Images of one source that its receiver hears, nearest first.
+
+    Attributes
+    ----------
+    distance_m : ndarray, shape (m,)
+        Distance from image to receiver, the length of the whole path [m].
+    amplitude : ndarray, shape (m,)
+        Product of the signed reflection coefficients along the path, without spreading.
+    order : ndarray, shape (m,), int64
+        Number of reflections.
+    walls : ndarray, shape (m, max order), int64
+        Walls in the order they are hit; -1 beyond `order`.
+    position_m : ndarray, shape (m, 2)
+        Image positions [m].
+    """
+
+    distance_m: NDArray[np.float64]
+    amplitude: NDArray[np.float64]
+    order: NDArray[np.int64]
+    walls: NDArray[np.int64]
+    position_m: NDArray[np.float64]
+
+
+def visible_images(
+    vertices: ArrayLike, position: ArrayLike, order: int, reflection: ArrayLike = 1.0,
+    receiver: ArrayLike | None = None,
+) -> Images:
+    """Image sources up to `order` that are visible from the receiver.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (n, 2)
+        Simple polygon, counter-clockwise [m]; wall i runs from vertex i to vertex i + 1.
+    position : array_like, shape (2,)
+        Source, strictly inside [m].
+    order : int
+        Largest number of reflections, >= 1.
+    reflection : float or array_like, shape (n,)
+        Signed reflection coefficient of each wall.
+    receiver : array_like, shape (2,), optional
+        Receiver, strictly inside [m]; at the source unless given.
+
+    Raises
+    ------
+    ValueError
+        If the source or the receiver is not inside the polygon.
+    """
+    corners = np.ascontiguousarray(vertices, dtype=float)
+    x, y = np.asarray(position, dtype=float)
+    to_x, to_y = (x, y) if receiver is None else np.asarray(receiver, dtype=float)
+    coefficients = np.broadcast_to(np.asarray(reflection, dtype=float), (len(corners),))
+    polygon = shapely.Polygon(corners)
+    for at_x, at_y in ((x, y), (to_x, to_y)):
+        if not polygon.contains(shapely.Point(at_x, at_y)):
+            raise ValueError(f'({at_x:g}, {at_y:g}) is not inside the polygon')
+    capacity, convex = 256, is_convex(corners)
+    while True:
+        found = np.empty((capacity, 3))
+        walls = np.full((capacity, order), -1, dtype=np.int64)
+        count = trace_images(walls_of(corners, 0.0), convex, x, y, to_x, to_y, order, np.inf, 0.0, True, found, walls)
+        if count <= capacity:
+            break
+        capacity = 2 * count
+    found, walls = found[:count], walls[:count]
+    orders = (walls >= 0).sum(axis=1)
+    amplitude = np.where(walls >= 0, coefficients[walls], 1.0).prod(axis=1)
+    distance = np.hypot(found[:, 0] - to_x, found[:, 1] - to_y)
+    nearest = np.argsort(distance, kind='stable')
+    return Images(distance[nearest], amplitude[nearest], orders[nearest], walls[nearest], found[nearest, :2])
+
+
+@kernel
+def walls_of(corners: NDArray[np.float64], beyond: float) -> NDArray[np.float64]:
+    """Return the walls of a polygon (n, 2), counter-clockwise, as rows for `trace_images`, shape (n, 9).
+
+    cos(theta) and sin(theta) of the outward normal, r; where the wall starts and ends along itself, counted from the
+    foot of the origin; x and y of its start and of its end, each moved outwards by `beyond` [m].
+    """
+    n = len(corners)
+    walls = np.empty((n, 9))
+    for i in range(n):
+        x, y = corners[i, 0], corners[i, 1]
+        j = i + 1 if i + 1 < n else 0
+        ex, ey = corners[j, 0] - x, corners[j, 1] - y
+        length = np.sqrt(ex * ex + ey * ey)
+        ex, ey = ex / length, ey / length
+        walls[i, 0], walls[i, 1], walls[i, 2] = ey, -ex, x * ey - y * ex
+        walls[i, 3] = x * ex + y * ey
+        walls[i, 4] = walls[i, 3] + length
+        walls[i, 5], walls[i, 6] = x - beyond * ex, y - beyond * ey
+        walls[i, 7], walls[i, 8] = x + (length + beyond) * ex, y + (length + beyond) * ey
+    return walls
+
+
+@kernel
+def trace_images(
+    walls: NDArray[np.float64],
+    convex: bool,
+    x: float,
+    y: float,
+    to_x: float,
+    to_y: float,
+    order: int,
+    farthest: float,
+    soft: float,
+    merge: bool,
+    found: NDArray[np.float64],
+    sequences: NDArray[np.int64],
+) -> int:
+    """Write images of (x, y) that are visible from (to_x, to_y) and at most `farthest` away, and their walls.
+
+    `walls` are those of `walls_of`, moved outwards by `soft`; `found` (capacity, 3), x and y of each image and the
+    share of it that no wall in the way takes, and `sequences` (capacity, order) are filled. Returns the number of
+    images, which may exceed the capacity: then only as many as fit are written. Images that coincide count once if they
+    are to `merge`.
+    """
+    n, capacity, count = len(walls), len(found), 0
+    size = 0.0
+    for i in range(n):
+        size = max(size, abs(walls[i, 5] - walls[0, 5]) + abs(walls[i, 6] - walls[0, 6]))
+    tie = _TIE * size * size
+    # Of each level: the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy), the wall that
+    # made it, and how many walls on, counter-clockwise, its children have come.
+    images, beams = np.empty((order + 1, 2)), np.empty((order + 1, 4))
+    hit, ahead = np.full(order + 1, -1), np.zeros(order + 1, np.int64)
+    images[0, 0], images[0, 1] = x, y
+    depth = 1
+    while depth > 0:
+        ahead[depth] += 1
+        if ahead[depth] == (n if depth > 1 else n + 1):
+            depth -= 1
+            continue
+        wall = hit[depth - 1] + ahead[depth]
+        if wall >= n:
+            wall -= n
+        px, py = images[depth - 1, 0], images[depth - 1, 1]
+        ax, ay, bx, by = walls[wall, 5] - px, walls[wall, 6] - py, walls[wall, 7] - px, walls[wall, 8] - py
+        if depth > 1:
+            lx, ly, ux, uy = beams[depth - 1, 0], beams[depth - 1, 1], beams[depth - 1, 2], beams[depth - 1, 3]
+            if not convex:  # only what is beyond the last wall, where the beam enters the room
+                last = hit[depth - 1]
+                beyond = walls[last, 2] - px * walls[last, 0] - py * walls[last, 1]
+                in_a = beyond - ax * walls[last, 0] - ay * walls[last, 1]
+                in_b = beyond - bx * walls[last, 0] - by * walls[last, 1]
+                if in_a <= 0.0 and in_b <= 0.0:
+                    continue
+                if in_a < 0.0 < in_b or in_b < 0.0 < in_a:
+                    t = in_a / (in_a - in_b)
+                    at_x, at_y = ax + t * (bx - ax), ay + t * (by - ay)
+                    if in_a < 0.0:
+                        ax, ay = at_x, at_y
+                    else:
+                        bx, by = at_x, at_y
+            low_a, low_b = lx * ay - ly * ax, lx * by - ly * bx
+            if low_b <= tie and low_a <= tie:
+                continue
+            high_a, high_b = ux * ay - uy * ax, ux * by - uy * bx
+            if high_a >= -tie and high_b >= -tie:
+                if convex:  # past the beam, and so are all that follow
+                    depth -= 1
+                continue
+            if low_a < 0.0 < low_b:
+                t = low_a / (low_a - low_b)
+                ax, ay = ax + t * (bx - ax), ay + t * (by - ay)
+                high_a = ux * ay - uy * ax
+            if high_a < 0.0 < high_b:
+                t = high_a / (high_a - high_b)
+                bx, by = ax + t * (bx - ax), ay + t * (by - ay)
+        away = 2.0 * (walls[wall, 2] - px * walls[wall, 0] - py * walls[wall, 1])
+        if away <= 0.0:  # its rays cannot hit this wall from inside
+            continue
+        # The image mirrored in the wall's line; its rays enter the room through the lit part (a, b).
+        dx, dy = away * walls[wall, 0], away * walls[wall, 1]
+        qx, qy = px + dx, py + dy
+        ax, ay, bx, by = ax - dx, ay - dy, bx - dx, by - dy
+        gx, gy = to_x - qx, to_y - qy
+        if gx * gx + gy * gy > farthest * farthest:  # further reflections only lengthen the way
+            continue
+        heard = bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie
+        clear = 1.0
+        if heard and not convex:
+            heard = walls[wall, 2] > to_x * walls[wall, 0] + to_y * walls[wall, 1]
+            if heard:
+                images[depth, 0], images[depth, 1], hit[depth] = qx, qy, wall
+                clear = _clear(walls, images, hit, depth, to_x, to_y, soft)
+                heard = clear > 0.0
+        if heard:
+            twin = False
+            for m in range(min(count, capacity) if merge else 0):
+                if abs(found[m, 0] - qx) + abs(found[m, 1] - qy) <= 1e-7 * size:
+                    twin = True
+                    break
+            if not twin:
+                if count < capacity:
+                    found[count, 0], found[count, 1], found[count, 2] = qx, qy, clear
+                    for level in range(1, depth):
+                        sequences[count, level - 1] = hit[level]
+                    sequences[count, depth - 1] = wall
+                    sequences[count, depth:] = -1
+                count += 1
+        if depth < order:
+            hit[depth] = wall
+            images[depth, 0], images[depth, 1] = qx, qy
+            # Seen from the mirrored image the wall runs the other way round: its end comes first.
+            beams[depth, 0], beams[depth, 1], beams[depth, 2], beams[depth, 3] = bx, by, ax, ay
+            depth += 1
+            ahead[depth] = 0
+    return count
+
+
+@kernel
+def _clear(
+    walls: NDArray[np.float64], images: NDArray[np.float64], hit: NDArray[np.int64], depth: int, to_x: float,
+    to_y: float, soft: float,
+) -> float:
+    """Return the share of a path, traced back from the receiver over the walls hit, that no other wall takes.
+
+    A wall in the way takes all of it, but near its ends, shrunk by `soft`, ever less over twice that length.
+    """
+    x, y, behind = to_x, to_y, -1
+    inside = -np.inf
+    for level in range(depth, -1, -1):
+        ahead = hit[level] if level > 0 else -1
+        dx, dy = images[level, 0] - x, images[level, 1] - y
+        if ahead >= 0:
+            towards = dx * walls[ahead, 0] + dy * walls[ahead, 1]
+            if towards <= 0.0:
+                return 0.0
+            step = (walls[ahead, 2] - x * walls[ahead, 0] - y * walls[ahead, 1]) / towards
+            dx, dy = step * dx, step * dy
+        for wall in range(len(walls)):
+            if wall in (behind, ahead):
+                continue
+            c, s = walls[wall, 0], walls[wall, 1]
+            here = walls[wall, 2] - x * c - y * s
+            there = here - dx * c - dy * s
+            if (-soft <= here < 0.0 and _beside(walls, wall, behind)) or (-soft <= there < 0.0 and _beside(
+                    walls, wall, ahead)):
+                continue  # the hit is past the soft end of its own wall
+            if (here < 0.0 < there) or (there < 0.0 < here):
+                t = here / (here - there)
+                along = (y + t * dy) * c - (x + t * dx) * s
+                inside = max(inside, min(along - walls[wall, 3], walls[wall, 4] - along) - soft)
+        x, y, behind = x + dx, y + dy, ahead
+    if inside >= soft:
+        return 0.0
+    return 1.0 if inside <= -soft else 1.0 - faded(inside, soft)
+
+
+@kernel
+def _beside(walls: NDArray[np.float64], one: int, other: int) -> bool:
+    """Return whether two walls meet in a corner that points outwards; -1 is no wall."""
+    n = len(walls)
+    if other < 0 or (one - other + 1) % n > 2:
+        return False
+    first, second = (other, one) if (other + 1) % n == one else (one, other)
+    return bool(walls[first, 0] * walls[second, 1] - walls[first, 1] * walls[second, 0] > 0.0)
+
+
+@kernel
+def faded(inside: float, soft: float) -> float:
+    """Return what is left of an echo that hits a wall `inside` its end [m], which is soft over `soft` to each side."""
+    if inside >= soft:
+        return 1.0
+    if inside <= -soft:
+        return 0.0
+    share = 0.5 * (inside / soft + 1.0)
+    return share * share * (3.0 - 2.0 * share)

@@ -1,0 +1,182 @@
+r"""Paths between the walls of an outline: their lengths, and the derivatives by walls and by the sensor's place.
+
+A wall's end is soft: a path that hits it a distance s inside its end counts by w(s), which rises smoothly from 0 at
+-`soft` over one half at the end itself to 1 at `soft`, w(s) + w(-s) = 1; a path counts by the least of its hits.
+With hard ends an echo would appear or vanish whole as a wall moves by a micrometre, and the likelihood jump with it. At
+a right-angled corner two images stand in one place, each of which ends there, and together they count once, as they
+have to: twice where the angle is smaller, not at all where it is larger.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.image_sources import faded, trace_images
+from polymap_ros.jit import kernel
+
+CAPACITY = 512
+"""Paths kept per ping: an octagon of order 5 has about 110."""
+
+class Paths(NamedTuple):
+    """Room for the paths of one ping.
+
+    Attributes
+    ----------
+    half : ndarray, shape (capacity,)
+        Half the path's length [m].
+    weight : ndarray, shape (capacity,)
+        What the ends of its walls leave of it, in (0, 1].
+    hits : ndarray, shape (capacity,), int64
+        Number of reflections.
+    walls : ndarray, shape (capacity, order), int64
+        Walls in the order they are hit; -1 beyond `hits`.
+    slopes : ndarray, shape (capacity, order, 2)
+        Derivatives of `half` by r and theta of each of these walls.
+    moves : ndarray, shape (capacity, 4)
+        Derivatives of `half` by x and y of the emitter and of the receiver.
+    images : ndarray, shape (capacity, 3)
+        Image of the emitter [m], and the share of the path that no wall in the way takes.
+    """
+
+    half: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    hits: NDArray[np.int64]
+    walls: NDArray[np.int64]
+    slopes: NDArray[np.float64]
+    moves: NDArray[np.float64]
+    images: NDArray[np.float64]
+
+
+@kernel
+def room_for_paths(order: int) -> Paths:
+    """Room for paths of up to so many reflections."""
+    return Paths(np.empty(CAPACITY), np.empty(CAPACITY), np.empty(CAPACITY, np.int64),
+                 np.empty((CAPACITY, order), np.int64), np.empty((CAPACITY, order, 2)), np.empty((CAPACITY, 4)),
+                 np.empty((CAPACITY, 3)))
+
+
+@kernel
+def first_order(
+    r: float, c: float, s: float, x: float, y: float, apart_x: float, apart_y: float, up: float
+) -> tuple[float, float]:
+    """Return half the length of the echo straight from a line, and where along the line it is reflected [m].
+
+    The line is x c + y s = r; (x, y) is half way between emitter and receiver, and (apart_x, apart_y, up) leads from
+    one to the other. Half the length is 0 where the line is not in front of both.
+    """
+    away, along = r - x * c - y * s, y * c - x * s
+    inwards, aside = apart_x * c + apart_y * s, apart_y * c - apart_x * s
+    if away <= 0.5 * abs(inwards):
+        return 0.0, along
+    if aside == 0.0 and up == 0.0:
+        return away, along
+    return np.sqrt(away * away + 0.25 * (aside * aside + up * up)), along + 0.25 * aside * inwards / away
+
+
+@kernel
+def first_orders(
+    line: NDArray[np.float64], positions: NDArray[np.float64], baselines: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return `first_order` of a line (r, theta) for every ping, shapes (N,)."""
+    half, along = np.empty(len(positions)), np.empty(len(positions))
+    c, s = np.cos(line[1]), np.sin(line[1])
+    for i in range(len(positions)):
+        half[i], along[i] = first_order(line[0], c, s, positions[i, 0], positions[i, 1], baselines[i, 0],
+                                        baselines[i, 1], baselines[i, 2])
+    return half, along
+
+
+@kernel
+def falloff(half: float, exponent: float) -> float:
+    """half**-exponent; what a plate and a volume take is had without a general power, which costs as much as a path."""
+    if exponent == 0.5:
+        return 1.0 / float(np.sqrt(half))
+    if exponent == 1.0:
+        return 1.0 / half
+    return float(half**-exponent)
+
+
+@kernel
+def trace_paths(
+    walls: NDArray[np.float64], convex: bool, ends: NDArray[np.float64], order: int, range_max: float, soft: float,
+    derive: bool, paths: Paths,
+) -> int:
+    """Fill `paths` with those audible from emitter to receiver with `half` up to `range_max`.
+
+    `walls` are those of `walls_of` with their ends moved by `soft`, of an outline that is `convex` or not; `ends` (5,)
+    are x and y of emitter and receiver, and the height between them; `slopes` and `moves` are left out unless to
+    `derive`. Returns the number of paths.
+    """
+    up = 0.25 * ends[4] * ends[4]
+    farthest = 2.0 * np.sqrt(max(range_max * range_max - up, 0.0))
+    count = min(trace_images(walls, convex, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False,
+                             paths.images, paths.walls), len(paths.images))
+    chain = np.empty((order + 1, 2))
+    kept = 0
+    for m in range(count):
+        x, y = paths.images[m, 0] - ends[2], paths.images[m, 1] - ends[3]
+        flat = 0.5 * np.sqrt(x * x + y * y)
+        d = np.sqrt(flat * flat + up)
+        hits = 0
+        while hits < order and paths.walls[m, hits] >= 0:
+            paths.walls[kept, hits] = paths.walls[m, hits]
+            hits += 1
+        for level in range(hits, order):
+            paths.walls[kept, level] = -1
+        weight = paths.images[m, 2] * _back_traced(walls, ends, hits, soft, derive, kept, chain, paths)
+        if weight > 0.0:
+            if derive and up > 0.0:
+                paths.slopes[kept, :hits] *= flat / d
+                paths.moves[kept] *= flat / d
+            paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
+            kept += 1
+    return kept
+
+
+@kernel
+def _back_traced(
+    walls: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float, derive: bool, path: int,
+    chain: NDArray[np.float64], paths: Paths,
+) -> float:
+    """Return a path's weight; fill, if to `derive`, the derivatives of half its length.
+
+    A path is shortest over its points of reflection b, so only what moves by itself counts: a wall along its normal n,
+    by dr - dtheta (b . t) at b, t along the wall, for which half the length grows by cos(incidence) per unit; and
+    emitter and receiver along the legs that end there, by half of which it grows.
+    """
+    chain[0, 0], chain[0, 1] = ends[0], ends[1]
+    for level in range(hits):
+        wall = paths.walls[path, level]
+        c, s = walls[wall, 0], walls[wall, 1]
+        step = 2.0 * (walls[wall, 2] - (chain[level, 0] * c + chain[level, 1] * s))
+        chain[level + 1, 0], chain[level + 1, 1] = chain[level, 0] + step * c, chain[level, 1] + step * s
+    bx, by = ends[2], ends[3]
+    inside = np.inf
+    for level in range(hits, 0, -1):
+        wall = paths.walls[path, level - 1]
+        c, s = walls[wall, 0], walls[wall, 1]
+        dx, dy = chain[level, 0] - bx, chain[level, 1] - by
+        towards = dx * c + dy * s
+        if towards <= 0.0:  # past the end of another wall
+            return 0.0
+        step = (walls[wall, 2] - (bx * c + by * s)) / towards
+        bx, by = bx + step * dx, by + step * dy
+        along = by * c - bx * s
+        if derive:
+            cosine = towards / np.sqrt(dx * dx + dy * dy)
+            paths.slopes[path, level - 1, 0] = cosine
+            paths.slopes[path, level - 1, 1] = -cosine * along
+            if level == hits:
+                paths.moves[path, 2], paths.moves[path, 3] = _half_of_unit(-dx, -dy)
+            if level == 1:
+                paths.moves[path, 0], paths.moves[path, 1] = _half_of_unit(ends[0] - bx, ends[1] - by)
+        inside = min(inside, along - walls[wall, 3], walls[wall, 4] - along)
+    return faded(inside, soft)
+
+
+@kernel
+def _half_of_unit(x: float, y: float) -> tuple[float, float]:
+    """Return half of the unit vector along (x, y)."""
+    length = 2.0 * np.sqrt(x * x + y * y)
+    return x / length, y / length

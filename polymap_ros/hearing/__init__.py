@@ -1,0 +1,1 @@
+"""One ping from samples to a sounding at its place. Pure: no ROS, no files."""

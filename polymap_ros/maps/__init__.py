@@ -1,0 +1,1 @@
+"""What pings add up to: the map of eq. (4), the free area, the places visited. Pure: no ROS, no files."""

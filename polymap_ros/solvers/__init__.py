@@ -1,0 +1,1 @@
+"""From soundings and maps to the polygon: `evidence`, `paper`, `rectangle`. Pure: no ROS, no files."""

@@ -1,0 +1,117 @@
+"""What every move stands on: the echoes, their likelihoods by all and by few pings, and what a waveform is worth."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.lines import away_from
+from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
+from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
+from polymap_ros.solvers.evidence.tuning import ENOUGH, FEW, FULL_ORDER, MISFIT, PRICE, SEARCH_ORDER
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
+
+
+class Ground:
+    """The pings of `data` and their likelihoods.
+
+    Parameters
+    ----------
+    data : EchoData
+        The echoes.
+    max_edges : int
+        Most edges of a polygon.
+    generator : numpy.random.Generator
+        Source of all random numbers.
+    coherent : bool
+        Whether echoes have a phase that can agree.
+    dispersed : bool
+        Whether echoes are drawn out, the more the farther they come: their pulse is not the one looked for.
+    checkpoint : callable
+        Called between the steps of long work.
+
+    Attributes
+    ----------
+    power, wave
+        The likelihoods of all pings.
+    few, few_wave
+        Those of one ping of `share`.
+    nothing : Power
+        No walls.
+    """
+
+    def __init__(
+        self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True,
+        dispersed: bool = False, checkpoint: Checkpoint = unwatched,
+    ) -> None:
+        self.data, self.max_edges, self.generator = data, max_edges, generator
+        self.coherent, self.dispersed, self.checkpoint = coherent, dispersed, checkpoint
+        self.share = max(min(len(data.positions) // ENOUGH, FEW), 1)
+        few = data.every(self.share)
+        self.power, self.few = PowerLikelihood(data), PowerLikelihood(few)
+        self.wave, self.few_wave = WaveformLikelihood(data), WaveformLikelihood(few)
+        self.nothing = self.power.initial(0.0)
+
+    def explained(self, wave: Wave, enough: float = np.inf) -> float:
+        """Return the share of the echoes' power that a waveform takes away, by few pings where that is `enough`."""
+        if enough < np.inf:
+            share = _taken_away(self.few_wave, wave.of_pings(slice(None, None, self.share)))
+            if share > enough:
+                return share
+        return _taken_away(self.wave, wave)
+
+    def aligned(self, power: Power) -> Wave | None:
+        """Return the waveform's maximum near refined walls of power, from the first order up."""
+        wave = self.wave.refine(self.wave.begun(power.walls), 1)
+        if wave is None:
+            return None
+        # Echoes of even order tell the signs.
+        both = [self.wave.evaluate(each.walls, each, SEARCH_ORDER) for each in (wave, wave.turned())]
+        best = max((each for each in both if each is not None), key=lambda each: each.value, default=None)
+        best = best and self.wave.refine(best, SEARCH_ORDER)
+        return best and self.wave.refine(best, FULL_ORDER)
+
+    def worth(self, wave: Wave) -> float:
+        """Return the log likelihood less the edges' price; of two that are one wall, the second has to bring enough to
+        be sure.
+        """
+        lines = wave.walls.lines
+        twins = sum(self.one_of(line, lines[:wall]) for wall, line in enumerate(lines))
+        return wave.value - PRICE * (len(lines) - twins) - least_gain(wave.value) * twins
+
+    def one_of(self, line: NDArray[np.float64], known: NDArray[np.float64] | list[NDArray[np.float64]]) -> bool:
+        """Return whether no ping's distance from a line is a pulse's width other than from one that is known."""
+        places = self.data.positions
+        return any(np.abs(away_from(line, places) - away_from(wall, places)).max() < self.data.pulse.width_m
+                   for wall in known)
+
+    @property
+    def uncertainty(self) -> float:
+        """Three standard deviations of the share explained, which noise alone makes uncertain."""
+        cells = self.data.power[:, self.data.first_cell:].size
+        return 3.0 * float(np.sqrt(2.0 * cells / self.data.weight)) / self.data.excess
+
+    @property
+    def width_m(self) -> float:
+        """Width of the pulse [m]."""
+        return self.data.pulse.width_m
+
+    @property
+    def cycle_m(self) -> float:
+        """A cycle of range [m]."""
+        return float(np.pi / self.data.pulse.carrier)
+
+    def few_value(self, walls: Walls, like: Power, order: int) -> float:
+        """Return the likelihood of power by few pings, scaled to all."""
+        return self.share * self.few.value(walls, like, order)
+
+
+def _taken_away(likelihood: WaveformLikelihood, wave: Wave) -> float:
+    data = likelihood.data
+    left = likelihood.residual_power(wave, FULL_ORDER)[:, data.first_cell:]
+    return 1.0 - float(np.sum(left - 1.0)) / data.excess
+
+
+def least_gain(value: float) -> float:
+    """Return the nats that an edge has to bring to be sure, where all are worth so many."""
+    return max(PRICE, MISFIT * value)

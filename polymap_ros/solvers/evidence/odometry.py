@@ -1,0 +1,169 @@
+r"""What odometry says of neighbouring poses: increments with the errors that wheels make, and now and then a slip.
+
+From pose i - 1 to pose i the robot reports a way b, seen from pose i - 1, and a turn a. With poses (x, psi) the
+increment's error is
+
+    e = (R(psi_{i-1})^T (x_i - x_{i-1}) - b,  psi_i - psi_{i-1} - a),
+
+and over a way of length d, for a robot that turns before it drives, its covariance along b, across it and in heading is
+
+    s_aa = k_d^2 d + f^2,   s_cc = d^2 (s_t^2 + s_w^2 / 3) + f^2,   s_ch = d (s_t^2 + s_w^2 / 2),   s_hh = s_t^2 + s_w^2
+
+with s_t = k_t \|a\| and s_w^2 = k_h^2 d: random walks of distance and heading, and a share of each turn. Its
+distribution is Student's with a few degrees of freedom: a wheel that slips makes an error of many deviations, which
+would bend all other poses if it were taken for a Gaussian's. What drivers send as covariances is not looked at: it is
+zeros or worse.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.lines import wrapped
+from polymap_ros.geometry.poses import between
+from polymap_ros.slam_parameters import SlamParameters
+
+FLOOR_M, FLOOR_RAD = 5e-4, 1e-3
+"""Errors of an increment, however short: of counting, of rounding, and of the time to which a pose belongs."""
+
+FREEDOM = 4.0
+"""Degrees of freedom of the errors: tails in which a slip of a hundred deviations costs some 40 nats."""
+
+_MEDIAN_OF_TWO = 1.386
+"""Median of the sum of two squared Gaussians: 2 ln 2."""
+
+_SOME = 8
+"""Poses from which their median tells something."""
+
+_GAUSSIAN = 1e9
+"""As many that the distribution is a Gaussian."""
+
+SLIP = 50.0
+"""Squared error, in units of its covariance, from which an increment is a slip: one in 10^10 of a Gaussian, and of
+levels that are twice what is assumed one in 10^3."""
+
+
+@dataclass(frozen=True)
+class OdometryNoise:
+    """Assumed errors: `distance` [m per sqrt m], `heading` [rad per sqrt m], and `turn`, a share of every turn."""
+
+    distance: float
+    heading: float
+    turn: float
+
+    @classmethod
+    def assumed(cls, slam: SlamParameters) -> 'OdometryNoise':
+        """Return what the parameters assume."""
+        return cls(slam.noise_m_sqrt_m, float(np.deg2rad(slam.noise_deg_sqrt_m)), slam.noise_turn)
+
+    def covariance(self, way_m: NDArray[np.float64], turned_rad2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return that of (along, across, heading), (n, 3, 3), over ways (n,) with these squares of turns on them."""
+        turn, walk = self.turn**2 * turned_rad2, self.heading**2 * way_m
+        covariance = np.zeros((len(way_m), 3, 3))
+        covariance[:, 0, 0] = self.distance**2 * way_m + FLOOR_M**2
+        covariance[:, 1, 1] = way_m**2 * (turn + walk / 3.0) + FLOOR_M**2
+        covariance[:, 1, 2] = covariance[:, 2, 1] = way_m * (turn + walk / 2.0)
+        covariance[:, 2, 2] = turn + walk + FLOOR_RAD**2
+        return covariance
+
+
+@dataclass(frozen=True, eq=False)
+class Increments:
+    """Increments between poses in the order of time.
+
+    Parameters
+    ----------
+    increments : ndarray, shape (N - 1, 3)
+        b [m] and a [rad].
+    covariance : ndarray, shape (N - 1, 3, 3)
+        Of their errors, in the axes of b.
+    freedom : float
+        Degrees of freedom of their distribution.
+    """
+
+    increments: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    freedom: float = FREEDOM
+
+    @classmethod
+    def of(
+        cls, poses: NDArray[np.float64], driven_m: NDArray[np.float64], turned_rad2: NDArray[np.float64],
+        noise: OdometryNoise,
+    ) -> 'Increments':
+        """Return what reported poses (N, 3) say, with the way (N,) and the squared turns (N,) added up to each."""
+        increments = between(poses[:-1], poses[1:])
+        way = np.maximum(np.diff(driven_m), np.hypot(increments[:, 0], increments[:, 1]))
+        turned = np.maximum(np.diff(turned_rad2), increments[:, 2] ** 2)
+        covariance = noise.covariance(way, turned)
+        direction = turns(np.arctan2(increments[:, 1], increments[:, 0]))
+        return cls(increments, direction @ covariance @ np.swapaxes(direction, 1, 2))
+
+    def trusted(self) -> 'Increments':
+        """Return the same with Gaussian errors, among which no slip is expected."""
+        return replace(self, freedom=_GAUSSIAN)
+
+    def as_found(self, poses: NDArray[np.float64], most: float = np.inf) -> 'Increments':
+        """Return the same with the covariance that the errors at poses that echoes have told show, where it is larger.
+
+        Of the three errors of an increment two are seen there: headings are free. It grows by a factor `most` at most.
+        """
+        spread = float(np.median(self.squares(poses))) / _MEDIAN_OF_TWO if len(poses) > _SOME else 1.0
+        return replace(self, covariance=min(max(spread, 1.0), most) * self.covariance)
+
+    def errors(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return e (N - 1, 3) at poses (N, 3)."""
+        x, y, turn = (between(poses[:-1], poses[1:]) - self.increments).T
+        return np.column_stack((x, y, wrapped(turn)))
+
+    def squares(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the squared errors (N - 1,) in units of their covariance."""
+        errors = self.errors(poses)
+        squares: NDArray[np.float64] = np.einsum('ij,ijk,ik->i', errors, self._information, errors)
+        return squares
+
+    def log_prior(self, poses: NDArray[np.float64]) -> float:
+        """Return the log density of the errors, over that without any."""
+        return -0.5 * (self.freedom + 3.0) * float(np.sum(np.log1p(self.squares(poses) / self.freedom)))
+
+    def derivatives(self, poses: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the gradient (3 N,) of the log density by the poses, one after the other, and its information."""
+        n, errors = len(poses), self.errors(poses)
+        before, after = by_ends(poses[:-1], poses[1:])
+        weight = (self.freedom + 3.0) / (self.freedom + self.squares(poses))
+        known = weight[:, None, None] * self._information
+        slope = np.einsum('ijk,ik->ij', known, errors)
+        gradient, information = np.zeros((n, 3)), np.zeros((n, n, 3, 3))
+        gradient[:-1] -= np.einsum('ijk,ij->ik', before, slope)
+        gradient[1:] -= np.einsum('ijk,ij->ik', after, slope)
+        i = np.arange(n - 1)
+        information[i, i] += np.swapaxes(before, 1, 2) @ known @ before
+        information[i + 1, i + 1] += np.swapaxes(after, 1, 2) @ known @ after
+        information[i, i + 1] = np.swapaxes(before, 1, 2) @ known @ after
+        information[i + 1, i] = np.swapaxes(information[i, i + 1], 1, 2)
+        return gradient.ravel(), information.transpose(0, 2, 1, 3).reshape(3 * n, 3 * n)
+
+    @cached_property
+    def _information(self) -> NDArray[np.float64]:
+        return np.asarray(np.linalg.inv(self.covariance), dtype=np.float64)
+
+
+def turns(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return matrices (n, 3, 3) that turn (x, y, heading) by angles (n,)."""
+    c, s = np.cos(angles), np.sin(angles)
+    matrices = np.zeros((len(c), 3, 3))
+    matrices[:, 0, 0] = matrices[:, 1, 1] = c
+    matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 2, 2] = -s, s, 1.0
+    return matrices
+
+
+def by_ends(
+    before: NDArray[np.float64], after: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the derivatives (n, 3, 3) of `between` by the poses before and after."""
+    to_body = np.swapaxes(turns(before[:, 2]), 1, 2)
+    by_before = -to_body
+    x, y, _ = between(before, after).T
+    by_before[:, 0, 2], by_before[:, 1, 2] = y, -x
+    return by_before, to_body

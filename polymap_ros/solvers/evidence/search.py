@@ -1,0 +1,161 @@
+"""The search: from starts by power to a polygon that the waveform has settled, on one page.
+
+`by_power` changes single edges while the likelihood of power grows, by echoes of two orders, then of three. `settle`
+goes over to the waveform and lets the moves of `SCHEDULE` change it, the first that brings something each time.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
+from polymap_ros.solvers.evidence.moves.exchange import improved
+from polymap_ros.solvers.evidence.moves.residual import add_from_residual
+from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
+from polymap_ros.solvers.evidence.moves.slip import fix_cycle_slips, slipped
+from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.moves.start import Start, starts
+from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall
+from polymap_ros.solvers.evidence.power import Power
+from polymap_ros.solvers.evidence.tuning import (
+    ALL_EXPLAINED,
+    COHERENT,
+    FULL_ORDER,
+    IN_PHASE,
+    PRICE,
+    ROUNDS,
+    SEARCH_ORDER,
+    WHOLE,
+)
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.waveform import Wave
+
+
+class Found(NamedTuple):
+    """A polygon under the likelihood of power and, where the echoes agree in phase, under that of the waveform.
+
+    `explained` is the share of the echoes' power that it explains, `value` its log likelihood less the edges' price.
+    """
+
+    power: Power
+    wave: Wave | None
+    explained: float
+    value: float
+
+    @property
+    def walls(self) -> Walls:
+        """The walls, their coefficients signed where there is phase."""
+        return self.power.walls if self.wave is None else self.wave.walls
+
+    @property
+    def lines(self) -> NDArray[np.float64]:
+        """r [m] and theta [rad] of the edges, sorted by theta."""
+        return self.walls.lines
+
+    def moved_to(self, lines: NDArray[np.float64]) -> 'Found':
+        """Return the same walls on other lines, not judged anew."""
+        wave = self.wave and self.wave.with_walls(self.wave.walls.on(lines))
+        return self._replace(power=self.power.with_walls(self.power.walls.on(lines)), wave=wave)
+
+
+SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+    (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
+    (drop_wall, np.inf),
+    (add_from_residual, ALL_EXPLAINED),
+    (cut_corner, WHOLE),
+)
+"""The moves of the waveform in the order in which they are tried, each where less than this share is explained."""
+
+
+class Search(Ground):
+    """A search: it ends with the waveform, if `coherent`, and with power alone otherwise."""
+
+    def over(self, data: EchoData) -> 'Search':
+        """Return the same search over other data."""
+        return Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint)
+
+    def polygons(self) -> Iterator[Found | None]:
+        """Give what each start leads to, None where it leads to no polygon."""
+        for start in starts(self):
+            self.checkpoint()
+            yield None if start is None else self.settle(self.by_power(start), start.pool)
+
+    def by_power(self, start: Start) -> Power:
+        """Improve a start by single changes, by echoes of two orders, then of three."""
+        power = improved(self, start.power, 2, start.pool, residual=False)
+        return improved(self, power, SEARCH_ORDER, start.pool, residual=True)
+
+    def again(self, last: Found) -> Found | None:
+        """Return the last answer, refined on the pings of today."""
+        self.checkpoint()
+        like = self.nothing.with_strength(last.power.strength)
+        if last.wave is None or not self.coherent:
+            power = self.power.refine(last.walls, like, FULL_ORDER, 3)
+            return None if power is None else self.judged(power, None)
+        wave = self.wave.refine(last.wave, FULL_ORDER, 3)
+        return None if wave is None else self.judged(like, wave, enough=ALL_EXPLAINED)
+
+    def settle(self, start: Power, pool: NDArray[np.float64] | None = None) -> Found | None:
+        """Refine by the waveform, then make its moves as long as its likelihood asks for them.
+
+        Where the waveform is worth far less than power alone is, even after walls that lie half a cycle off were
+        put right, the echoes do not agree in phase (positions that are off by a quarter of a wavelength do that): then
+        power has the last word, with the lines of a `pool` to try.
+        """
+        power = self.power.refine(start.walls, start, FULL_ORDER, 6)
+        if power is None:
+            return None
+        wave = self.aligned(power) if self.coherent else None
+        for _ in power.walls.lines:
+            if wave is None or wave.value >= COHERENT * power.value:
+                break
+            wave = slipped(self, wave, np.arange(len(wave.walls)))
+        found = None
+        if wave is not None and wave.value >= COHERENT * power.value:
+            found = self.changed(power, wave)
+        if found is None or found.value < IN_PHASE * power.value:
+            pool = np.empty((0, 2)) if pool is None else pool
+            return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
+        return found
+
+    def changed(self, power: Power, wave: Wave) -> Found | None:
+        """Make the moves of the schedule while one of them brings something."""
+        for _ in range(ROUNDS):
+            self.checkpoint()
+            standing = Standing(power, wave, self.explained(wave))
+            changed = (move(self, standing) for move, below in SCHEDULE if standing.explained < below)
+            better = next((each for each in changed if each is not None), None)
+            if better is None:
+                break
+            wave = better
+        return self.judged(power, wave)
+
+    def mended(self, found: Found) -> Found | None:
+        """Exchange an edge, or add one, by trying all lines; None where none is worth more."""
+        if found.wave is None:
+            return None
+        wave = replace_by_scan(self, Standing(found.power, found.wave, found.explained))
+        return None if wave is None else self.changed(found.power, wave)
+
+    def judge(self, power: Power) -> Found | None:
+        """Return walls as they stand, judged by their waveform."""
+        return self.judged(power, self.aligned(power) if self.coherent else None)
+
+    def judged(self, power: Power, wave: Wave | None, enough: float = np.inf) -> Found | None:
+        """Return what a polygon explains of the echoes' power, and what it is worth."""
+        if wave is not None:
+            value = wave.value - PRICE * len(wave.walls)
+            return Found(power.with_walls(wave.walls), wave, self.explained(wave, enough), value)
+        fitted = self.power.fitted(power.walls, power, FULL_ORDER)
+        if fitted is None:
+            return None
+        heard = slice(self.data.first_cell, None)
+        excess, predicted = self.data.power[:, heard] - 1.0, fitted.strength * fitted.explained[:, heard]
+        # Of the excess, what follows the prediction from cell to cell (a regression's share).
+        explained = float(np.sum(predicted * excess)) / max(float(np.sum(predicted**2)), 1e-300)
+        explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
+        return Found(fitted, None, min(explained, 1.0), fitted.value - PRICE * len(fitted.walls))

@@ -1,0 +1,88 @@
+"""The thresholds of the search: what each decides, its unit, and what was measured or derived for it."""
+
+PRICE = 17.0
+"""Nats that one more edge has to bring: its Occam factor, the prior range over the posterior width in r and theta,
+ln(3 m / 0.1 mm) + ln(360 deg / 0.05 deg) less ln(2 pi). A false-alarm rate of 1e-3 over a map of
+600 x 360 cells gives 19."""
+
+SEARCH_ORDER = 3
+"""Orders 1 and 2 hold a third of the truth's log likelihood in a lossless plate; 3 is what the search can afford."""
+
+FULL_ORDER = 5
+"""Orders of reflection that the waveform explains."""
+
+ROUNDS = 20
+"""Changes in a row, at most."""
+
+CHORDS = 12
+"""Lines proposed at a time to cut the polygon."""
+
+DIFFERENT = 1.0
+"""Nats from which a refined trial is another maximum, and not the same one reached from elsewhere."""
+
+ANOTHER_POLYGON = 5.0
+"""Nats from which a change by power is another polygon, and not the same one refined again: under a third of an edge's
+price."""
+
+LEAST_CHORD = -2.0
+"""Nats of first-order evidence from which a cut is tried: at -10 dB a short edge's own feet bring as little, its higher
+orders the rest."""
+
+FEW, ENOUGH, SCORED = 3, 20, 12
+"""One ping of `FEW` scores all changes first, but `ENOUGH` at least; the best `SCORED` are scored by all pings."""
+
+POOL = 100
+"""Candidate lines of a start: random plates have 20 to 60 that bring anything."""
+
+ANNEALING = 20_000
+"""Iterations over subsets of them."""
+
+STRENGTHS = 1.0, 2.0, 4.0, 0.5
+"""Factors of the estimated strength of a first-order echo, each of which gives a start: what is too high hides walls,
+what is too low proposes clutter."""
+
+COHERENT = 0.2
+"""Share of the power's log likelihood below which the waveform's says that phases are not to be trusted. At the
+right polygon the waveform is worth 1.1 times the power at 0 dB and twice as much at -10 dB; where positions are off by
+5 mm, 0.01 to 0.15, seldom a third (random plates, even seeds). Wrong polygons are worth all between."""
+
+IN_PHASE = 0.4
+"""The same share after the single changes that the waveform asks for. Where positions are off by 5 mm, what took to
+phases by accident ends at 0.2 to 0.3, with walls lost that power had found; what is right, at 0.7 or more."""
+
+OBVIOUS = 400.0
+"""A trial without a wall, or with one half a cycle off, is refitted only if it loses less than this [nats]: the
+remaining walls can win back at most a few tens; a wall that is heard is worth thousands."""
+
+ALL_EXPLAINED = 0.98
+"""Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
+
+WHOLE = 0.995
+"""Share from which not even an edge as short as the pulse may be missing."""
+
+SHORT_EDGES, CUTS = (1.2, 2.5, 5.0), 10
+"""Pulse widths of the edges by which corners are cut off, and how many of these, the best by power, are looked into."""
+
+MISFIT = 0.005
+"""Share of the log likelihood that an edge has to bring, where that is more than its price. At the truth it differs by
+up to 0.7 % from that of full waveform synthesis, and what is predicted a little wrong, an edge that is not there may
+put right. In 36 random plates every edge brings more than 20 %."""
+
+EXCHANGED = 2
+"""Edges, those worth least, for which all lines are tried."""
+
+SCAN_WIDTHS = 1.25
+"""Pulse widths between the lines that are tried: power is smooth over one to each side."""
+
+RESCORED = 300
+"""Of these, the best by a few pings, so many are scored by all."""
+
+APART = 2.5
+"""Steps of r or of theta by which two of the lines that are scanned differ at least to count as two."""
+
+REFINED = 2
+"""Of the trials of a move, the best so many are refined."""
+
+EXPLAINED = 0.95
+"""Share of the echoes' power that a polygon has to explain, less three standard deviations of what is measured: the
+right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it is 0.91, and most wrong ones less."""

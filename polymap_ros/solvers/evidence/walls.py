@@ -1,0 +1,178 @@
+"""The walls as unknowns: three numbers each, r [m], theta [rad] and ln |rho|, as one block of a parameter vector.
+
+A vector holds r of all walls, then theta, then ln |rho|; nothing outside of this file knows that.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.solvers.evidence.likelihood import Slopes
+
+LOSS_DEVIATION = 0.35
+"""Prior standard deviation of ln |rho| about 0: covers reflection coefficients from 0.5 to 1 within two."""
+
+_LEAST_REFLECTION = 1e-6
+"""Reflection coefficient of a wall that is heard, at least, where a logarithm is needed."""
+
+_LOUDER = 0.25
+"""Largest step of ln |rho|: with twice that, walls that are still in the wrong place are silenced, or their neighbours,
+before they have moved (of 15 plates with an edge of 3 cm, 10 came out right instead of 13)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Walls:
+    """A ring of lines with their reflection coefficients.
+
+    A subclass may tie numbers or hold them: `climb` asks the walls how they move, what is held, what is known before.
+
+    Parameters
+    ----------
+    lines : ndarray, shape (n, 2)
+        r [m] and theta [rad]; sorted by theta for a convex outline.
+    reflection : ndarray, shape (n,)
+        Coefficients, signed where there is phase, of magnitude 1 at most; 0 for a wall that is silent: it bounds the
+        outline and is not heard.
+    """
+
+    lines: NDArray[np.float64]
+    reflection: NDArray[np.float64]
+
+    @classmethod
+    def convex(cls, lines: NDArray[np.float64], reflection: NDArray[np.float64] | float = 1.0) -> Self:
+        """Return walls in the order of a convex outline, with one coefficient or one for each."""
+        order = np.argsort(lines[:, 1], kind='stable')
+        coefficients = np.broadcast_to(np.asarray(reflection, dtype=float), (len(lines),))
+        return cls(np.ascontiguousarray(lines[order]), coefficients[order])
+
+    @classmethod
+    def of_polygon(cls, vertices: NDArray[np.float64]) -> Self:
+        """Return fully reflecting walls on the edges of a convex polygon (n, 2), counter-clockwise [m]."""
+        return cls.convex(polygon_lines(vertices))
+
+    def __len__(self) -> int:
+        """Return the number of walls."""
+        return len(self.lines)
+
+    @property
+    def loss(self) -> NDArray[np.float64]:
+        """ln |rho| (n,); 0 for a silent wall, whose coefficient stays."""
+        return np.where(self.silent, 0.0, np.log(np.maximum(np.abs(self.reflection), _LEAST_REFLECTION)))
+
+    @property
+    def silent(self) -> NDArray[np.bool_]:
+        """Which walls (n,) are not heard."""
+        return np.asarray(self.reflection == 0.0)
+
+    def without(self, wall: int) -> Self:
+        """Return the walls without one of them."""
+        lines = np.ascontiguousarray(np.delete(self.lines, wall, 0))
+        return replace(self, lines=lines, reflection=np.delete(self.reflection, wall))
+
+    def silenced(self, wall: int) -> Self:
+        """Return the walls with one of them silent."""
+        reflection = self.reflection.copy()
+        reflection[wall] = 0.0
+        return replace(self, reflection=reflection)
+
+    def with_line(self, line: NDArray[np.float64], reflection: float = 1.0) -> Self:
+        """Return a convex outline's walls and one more."""
+        return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection))
+
+    def shifted(self, wall: int, by_m: float, turned: bool = False) -> Self:
+        """Return the walls with one of them farther out, the sign of its coefficient turned if asked for."""
+        lines, reflection = self.lines.copy(), self.reflection.copy()
+        lines[wall, 0] += by_m
+        reflection[wall] *= -1.0 if turned else 1.0
+        return replace(self, lines=lines, reflection=reflection)
+
+    def on(self, lines: NDArray[np.float64]) -> Self:
+        """Return the same walls on other lines."""
+        return replace(self, lines=np.ascontiguousarray(lines))
+
+    # The block of the parameter vector.
+
+    def moved(self, step: NDArray[np.float64]) -> Self:
+        """Return the walls after a step (3 n,); none reflects more than all."""
+        r, theta, loss = step.reshape(3, -1)
+        lines = self.lines + np.column_stack((r, theta))
+        louder = np.abs(self.reflection) * np.exp(loss)
+        return replace(self, lines=lines, reflection=np.sign(self.reflection) * np.minimum(louder, 1.0))
+
+    def limited(self, step: NDArray[np.float64], r_m: float, theta_rad: float) -> NDArray[np.float64]:
+        """Return a step (3 n,) that moves no line by more than this."""
+        most = np.repeat((r_m, theta_rad, _LOUDER), len(self))
+        return np.asarray(np.clip(step, -most, most))
+
+    def log_prior(self) -> float:
+        """Return the log prior of the losses."""
+        return -0.5 * float(np.sum(self.loss**2)) / LOSS_DEVIATION**2
+
+    @property
+    def quiet(self) -> NDArray[np.bool_]:
+        """Which numbers (3 n,) nothing is heard of."""
+        return np.tile(self.silent, 3)
+
+    def gradient(self, slopes: Slopes) -> NDArray[np.float64]:
+        """Return the gradient (3 n,) of a log likelihood with the prior."""
+        gradient = slopes.scores.sum(axis=0)
+        gradient[2 * len(self):] -= self.loss / LOSS_DEVIATION**2
+        return np.asarray(gradient)
+
+    def information(self, slopes: Slopes) -> NDArray[np.float64]:
+        """Return the Fisher information (3 n, 3 n) with the prior."""
+        information = slopes.information.sum(axis=0)
+        losses = np.arange(2 * len(self), 3 * len(self))
+        information[losses, losses] += 1.0 / LOSS_DEVIATION**2
+        return np.asarray(information)
+
+    def by_phase(self, slopes: Slopes) -> NDArray[np.float64]:
+        """Return the information (3 n,) between the walls and the device's phase."""
+        return np.asarray(slopes.by_phase.sum(axis=0))
+
+    def by_pose(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how the walls move as seen from poses (N, 3) that do: a matrix (3 n, 3) by each, shape (N, 3 n, 3).
+
+        What a ping hears depends on the walls as its pose sees them, at r - n . (x, y) and theta - yaw; so a
+        likelihood's derivatives by the walls are those by the pose, too.
+        """
+        c, s = np.cos(self.lines[:, 1]), np.sin(self.lines[:, 1])
+        n, matrix = len(self), np.zeros((len(poses), 3 * len(self), 3))
+        matrix[:, :n, 0], matrix[:, :n, 1] = -c, -s
+        matrix[:, :n, 2] = poses[:, :1] * s - poses[:, 1:2] * c
+        matrix[:, n:2 * n, 2] = -1.0
+        return matrix
+
+    def held(self, gradient: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which numbers (3 n,) stay: those of silent walls, and coefficients that cannot grow beyond 1."""
+        silent = self.quiet
+        silent[2 * len(self):] |= (np.abs(self.reflection) >= 1.0) & (gradient[2 * len(self):] > 0.0)
+        return silent
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """Which numbers (3 n,) are known, and stay: none here; where they are, they are the frame of all poses."""
+        return np.zeros(3 * len(self), np.bool_)
+
+    @staticmethod
+    def of_lines(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the part (2 n, 2 n) of a matrix (3 n, 3 n) that is about r and theta, wall by wall."""
+        n = len(matrix) // 3
+        by_wall = np.arange(2 * n).reshape(2, n).T.ravel()
+        return matrix[np.ix_(by_wall, by_wall)]
+
+
+class KnownWalls(Walls):
+    """Walls of a map that is given: their lines stay, only what they reflect is found."""
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """The lines."""
+        return np.arange(3 * len(self)) < 2 * len(self)
+
+    def held(self, gradient: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which numbers (3 n,) stay: those of the lines, too."""
+        return np.asarray(super().held(gradient) | self.known)

@@ -1,0 +1,231 @@
+"""The sums over a ping's paths that the likelihood of `waveform` is made of, and the waveform that they predict."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.image_sources import walls_of
+from polymap_ros.geometry.outline import is_convex
+from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
+from polymap_ros.jit import kernel
+
+
+class Sums(NamedTuple):
+    """u (N,), v (N,), x (N, 3 n), p (N, 3 n) and the Fisher information (N, 3 n, 3 n) at amplitude 1, of `waveform`.
+
+    By r of all walls, then theta, then ln |rho|; the information's rows of ln |rho| have columns of ln |rho| only.
+    """
+
+    u: NDArray[np.complex128]
+    v: NDArray[np.float64]
+    x: NDArray[np.complex128]
+    p: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+@kernel
+def _cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
+    """Value and derivative of the four-point Lagrange interpolant at index x."""
+    j = int(x)
+    f = x - j
+    a, b, c, d = y[j - 1], y[j], y[j + 1], y[j + 2]
+    one = -a / 3.0 - b / 2.0 + c - d / 6.0
+    two = a / 2.0 - b + c / 2.0
+    three = -a / 6.0 + b / 2.0 - c / 2.0 + d / 6.0
+    return b + f * (one + f * (two + f * three)), one + f * (2.0 * two + 3.0 * f * three)
+
+
+class Echoes(NamedTuple):
+    """What the kernels need of the data, see `EchoData`; samples of the signal and of the pulse are `step` apart."""
+
+    ends: NDArray[np.float64]
+    signal: NDArray[np.complex64]
+    range_max: float
+    soft: float
+    spreading: float
+    step: float
+    carrier: float
+    baseband: NDArray[np.complex128]
+    curvature: NDArray[np.complex128]
+
+
+class _Room(NamedTuple):
+    """Room for what a ping's paths add up to.
+
+    Of each path: its amplitude b and b exp(2 j k0 d); its slopes; the sums over the paths near it of the slope of psi
+    and of psi; and what stands beside its slopes in the information, where losses have to do with losses by psi itself,
+    in a place of their own.
+    """
+
+    b: NDArray[np.float64]
+    turn: NDArray[np.complex128]
+    slopes: NDArray[np.float64]
+    near: NDArray[np.float64]
+    spread: NDArray[np.float64]
+
+
+@kernel
+def _amplitude(paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64]) -> float:
+    b: float = paths.weight[m] * falloff(paths.half[m], spreading)
+    for level in range(paths.hits[m]):
+        b *= reflection[paths.walls[m, level]]
+    return b
+
+
+@kernel
+def _turn(angle: float) -> complex:
+    """exp(j angle)."""
+    return complex(np.cos(angle), np.sin(angle))
+
+
+@kernel
+def add_up(
+    corners: NDArray[np.float64], order: int, heard: Echoes, reflection: NDArray[np.float64], derive: bool, sums: Sums
+) -> None:
+    """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|."""
+    paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
+    n = len(corners)
+    size = len(paths.half)
+    room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
+                 np.empty((size, 4 * n)))
+    for i in range(len(heard.ends)):
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, derive, paths)
+        for m in range(count):
+            far = paths.half[m] >= 2.0 * heard.step
+            room.b[m] = _amplitude(paths, m, heard.spreading, reflection) if far else 0.0
+            room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m])
+        if derive:
+            _gather_slopes(paths, count, n, room.slopes)
+            room.near[:count] = 0.0
+            room.spread[:count] = 0.0
+        _add_ping(paths, count, n, heard, i, derive, room, sums)
+        for m in range(count if derive else 0):
+            _add_information(sums.p[i], sums.information[i], paths, m, room.slopes[m], room.near[m], room.spread[m])
+
+
+@kernel
+def _add_ping(
+    paths: Paths, count: int, n: int, heard: Echoes, i: int, derive: bool, room: _Room, sums: Sums
+) -> None:
+    """A ping's u, v and x, and what its paths have to do with each other."""
+    half, b, turn, step, carrier = paths.half, room.b, room.turn, heard.step, heard.carrier
+    reach = (len(heard.baseband) - 5) * step
+    nearest = np.argsort(half[:count])
+    u, v = 0.0j, 0.0
+    for q in range(count):
+        m = nearest[q]
+        if b[m] == 0.0:
+            continue
+        value, rate = _cubic(heard.signal[i], half[m] / step)
+        u += value * turn[m]
+        v += b[m] * b[m]
+        if derive:
+            _add_heard(sums.x[i], paths, m, n, (rate / step + 2j * carrier * value) * turn[m], value * turn[m])
+            room.near[m, 1] += b[m] * b[m]
+            _add_pair(room.spread[m], room.slopes[m], -heard.curvature[2].real * b[m] * b[m], 0.0, b[m] * b[m])
+        for p in range(q - 1, -1, -1):
+            other = nearest[p]
+            lag = half[m] - half[other]
+            if lag > reach:
+                break
+            psi, psi_rate = _cubic(heard.baseband, lag / step + 2.0)
+            wave = turn[m] * turn[other].conjugate()
+            both = (psi * wave).real
+            v += 2.0 * both
+            if derive:
+                slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
+                bend = -(_cubic(heard.curvature, lag / step + 2.0)[0] * wave).real
+                room.near[m, 0] += slope
+                room.near[m, 1] += both
+                room.near[other, 0] -= slope
+                room.near[other, 1] += both
+                _add_pair(room.spread[m], room.slopes[other], bend, slope, both)
+                _add_pair(room.spread[other], room.slopes[m], bend, -slope, both)
+    sums.u[i], sums.v[i] = u, v
+
+
+@kernel
+def _gather_slopes(paths: Paths, count: int, n: int, slopes: NDArray[np.float64]) -> None:
+    """Derivatives of each path's half length by r and theta, and of ln |b| by ln |rho|, of every wall."""
+    for m in range(count):
+        slopes[m] = 0.0
+        for level in range(paths.hits[m]):
+            wall = paths.walls[m, level]
+            slopes[m, wall] += paths.slopes[m, level, 0]
+            slopes[m, n + wall] += paths.slopes[m, level, 1]
+            slopes[m, 2 * n + wall] += 1.0
+
+
+@kernel
+def _add_heard(
+    x: NDArray[np.complex128], paths: Paths, m: int, n: int, by_range: complex, by_loss: complex
+) -> None:
+    """A path's share of x."""
+    for level in range(paths.hits[m]):
+        wall = paths.walls[m, level]
+        x[wall] += by_range * paths.slopes[m, level, 0]
+        x[n + wall] += by_range * paths.slopes[m, level, 1]
+        x[2 * n + wall] += by_loss
+
+
+@kernel
+def _add_pair(
+    spread: NDArray[np.float64], other: NDArray[np.float64], bend: float, slope: float, both: float
+) -> None:
+    """An ordered pair of paths' share in the row `spread` of the first.
+
+    The information is the sum over paths of their slopes times that row: of ranges with ranges by the bend of psi, of
+    ranges with losses by its slope, and of losses with losses by psi itself.
+    """
+    n = len(other) // 3
+    for w in range(2 * n):
+        spread[w] += bend * other[w]
+    for w in range(2 * n, 3 * n):
+        spread[w] += slope * other[w]
+        spread[n + w] += both * other[w]
+
+
+@kernel
+def _add_information(
+    p: NDArray[np.float64], information: NDArray[np.float64], paths: Paths, m: int, slopes: NDArray[np.float64],
+    near: NDArray[np.float64], spread: NDArray[np.float64],
+) -> None:
+    """A path's share of p and of the information, but for losses with ranges, once its row `spread` is whole."""
+    n = len(slopes) // 3
+    for w in range(2 * n):
+        p[w] += near[0] * slopes[w]
+    for w in range(2 * n, 3 * n):
+        p[w] += near[1] * slopes[w]
+    for level in range(paths.hits[m]):
+        wall = paths.walls[m, level]
+        for axis in range(2):
+            by, row = paths.slopes[m, level, axis], information[axis * n + wall]
+            for x in range(3 * n):
+                row[x] += by * spread[x]
+        row = information[2 * n + wall]
+        for x in range(2 * n, 3 * n):
+            row[x] += spread[n + x]
+
+
+@kernel
+def predict(
+    corners: NDArray[np.float64], order: int, heard: Echoes, cell: float, reflection: NDArray[np.float64],
+    amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
+) -> None:
+    """Add the waveform to every ping's cells, `cell` apart."""
+    paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
+    half = paths.half
+    reach = (len(heard.baseband) - 5) * heard.step
+    on = _turn(2.0 * heard.carrier * cell)
+    for i in range(len(heard.ends)):
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, False, paths)
+        for m in range(count):
+            b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection)
+            low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
+            turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]))
+            for j in range(low, min(high, out.shape[1] - 1) + 1):
+                lag = j * cell - half[m]
+                psi, _ = _cubic(heard.baseband, abs(lag) / heard.step + 2.0)
+                out[i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
+                turned *= on

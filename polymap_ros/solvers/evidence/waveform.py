@@ -1,0 +1,186 @@
+r"""Evidence with phase: the waveform that the walls predict, against the waveform that was heard.
+
+In units of the noise, a ping's correlation c(r) of eq. (3) is, for a real amplitude A_i and a phase phi of the device,
+
+    c_i(r) = A_i exp(j phi) sum_m b_m psi(r - d_m) + noise,   b_m = d_m^-p prod(signed rho),
+
+where psi is the compressed pulse and the noise is coloured by psi too. The log likelihood ratio against noise needs
+only look-ups at the predicted ranges: with u_i = sum_m b_m Re[exp(-j phi) c_i(d_m)] and
+v_i = sum_mn b_m b_n Re psi(d_m - d_n),
+
+    L = sum_i A_i u_i - A_i^2 v_i / 2   =   sum_i max(u_i, 0)^2 / (2 v_i)   at the best A_i.
+
+The matrix psi explains every echo once. Derivatives by the walls' r, theta and ln |rho| follow from those of the d_m,
+J: with x_i = sum_m b_m c_i'(d_m) J_m and p_i = sum_mn b_m b_n Re psi'(d_m - d_n) J_m, a ping's score is
+A Re[exp(-j phi) x_i] - A^2 p_i, and its Fisher information A^2 (sum_mn b_m b_n (-Re psi'')(d_m - d_n) J_m J_n^T
+- p_i p_i^T / v_i), the second term being what A_i, which follows the walls, takes of it. One pass over the pings gives
+all of these for any amplitudes and any phase.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.paths import first_orders
+from polymap_ros.solvers.evidence.climb import climb
+from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.likelihood import Slopes
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.wave_sums import Echoes, Sums, add_up, predict
+
+
+@dataclass(frozen=True, eq=False)
+class Wave:
+    """Walls under the likelihood of the waveform.
+
+    Parameters
+    ----------
+    walls : Walls
+        The walls, their coefficients signed.
+    phase : float
+        Phase of the device [rad].
+    value : float
+        L with the log prior of the walls.
+    amplitudes : ndarray, shape (N,)
+        A_i of each ping, in units of the noise.
+    slopes : Slopes or None
+        Derivatives, if they were asked for.
+    """
+
+    walls: Walls
+    phase: float
+    value: float
+    amplitudes: NDArray[np.float64]
+    slopes: Slopes | None = None
+
+    @property
+    def unknowns(self) -> Walls:
+        """The walls."""
+        return self.walls
+
+    def with_slopes(self, slopes: Slopes | None) -> 'Wave':
+        """Return the same with these derivatives."""
+        return replace(self, slopes=slopes)
+
+    def with_walls(self, walls: Walls) -> 'Wave':
+        """Return the same with other walls, not evaluated."""
+        return replace(self, walls=walls, slopes=None)
+
+    def of_pings(self, pings: slice) -> 'Wave':
+        """Return the same for some of the pings."""
+        return replace(self, amplitudes=self.amplitudes[pings], slopes=None)
+
+    def turned(self) -> 'Wave':
+        """Return the same with all signs turned, which gives the same echoes of odd order; not evaluated."""
+        return replace(self, walls=replace(self.walls, reflection=-self.walls.reflection), phase=self.phase + np.pi)
+
+
+class WaveformLikelihood:
+    """L of this module for the pings of `data`.
+
+    The derivatives leave out that a path fades at the soft end of a wall (`EchoData.soft_m`), and the decay with range.
+    """
+
+    damping = 0.0
+    derives_at_once = False
+
+    def __init__(self, data: EchoData) -> None:
+        self.data, pulse = data, data.pulse
+        self._heard = Echoes(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, pulse.step_m,
+                            pulse.carrier, pulse.baseband, pulse.curvature)
+
+    def begun(self, walls: Walls) -> Wave:
+        """Return signed coefficients and the device's phase, from the first-order echoes alone; not evaluated.
+
+        The phase that all walls share up to their signs maximises Re[exp(-2 j phi) sum_k s_k^2], s_k the
+        sum of wall k's echoes. The majority is positive: phi + pi with all signs turned gives the same echoes of odd
+        order, and only those of even order tell which it is.
+        """
+        sums = np.array([self._first_order(line) for line in walls.lines])
+        phase = 0.5 * float(np.angle(np.sum(sums**2))) if np.any(sums) else 0.0
+        signs = np.where(np.real(sums * np.exp(-1j * phase)) >= 0.0, 1.0, -1.0)
+        if np.sum(signs * np.abs(sums)) < 0.0:
+            signs, phase = -signs, phase + np.pi
+        return Wave(replace(walls, reflection=signs * np.abs(walls.reflection)), phase, -np.inf, np.empty(0))
+
+    def _first_order(self, line: NDArray[np.float64]) -> complex:
+        data, pulse = self.data, self.data.pulse
+        d, _ = first_orders(line, data.positions, data.baselines)
+        cell = np.rint(d / pulse.step_m).astype(int)
+        inside = (cell > 0) & (d < data.range_max_m)
+        heard = data.signal[inside, cell[inside]] * np.exp(2j * pulse.carrier * cell[inside] * pulse.step_m)
+        # Nearest sample: the phase is carried over the rest of the step with the carrier.
+        heard *= np.exp(2j * pulse.carrier * (d[inside] - cell[inside] * pulse.step_m))
+        return complex(np.sum(heard * d[inside] ** -data.spreading))
+
+    def evaluate(self, walls: Walls, like: Wave, order: int, derive: bool = False) -> Wave | None:
+        """Return L at the device's phase that fits the walls best, near that of another; None without an outline."""
+        outline, corners = corners_of(walls.lines, self.data.shortest_m)
+        if not outline:
+            return None
+        sums = self._sums(corners, order, walls.reflection, derive)
+        v, phase = np.maximum(sums.v, 1e-300), like.phase
+        for _ in range(2):  # pings that disagree have no say in the phase
+            agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
+            if np.any(agreeing):
+                phase = float(np.angle(np.sum(sums.u * agreeing / v)))
+        amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
+        value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior()
+        slopes = _slopes(sums, v, amplitudes, phase) if derive else None
+        return Wave(walls, phase, value, amplitudes, slopes)
+
+    def shares(self, wave: Wave, order: int) -> NDArray[np.float64]:
+        """Return each ping's share (N,) of L at the phase of a waveform, its amplitude at its best."""
+        outline, corners = corners_of(wave.walls.lines, self.data.shortest_m)
+        if not outline:
+            return np.zeros(len(self.data.positions))
+        sums = self._sums(corners, order, wave.walls.reflection, False)
+        agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
+        return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
+
+    def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
+        """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
+        _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
+        sums = self._sums(corners, order, wave.walls.reflection, True)
+        v = np.maximum(sums.v, 1e-300)
+        amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
+        return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
+
+    def refine(self, start: Wave, order: int, iterations: int = 6) -> Wave | None:
+        """Return the nearest maximum of L over the walls; None where they are no outline."""
+        return climb(self, self.evaluate(start.walls, start, order, derive=True), order, iterations)
+
+    def _sums(
+        self, corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64], derive: bool
+    ) -> Sums:
+        pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
+        sums = Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
+                    np.zeros((pings, size)), np.zeros((pings, size, size)))
+        add_up(corners, order, self._heard, reflection, derive, sums)
+        return sums
+
+    def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
+        """Return half the squared magnitude of what the waveform leaves, on the cells of `data.power`."""
+        _, corners = corners_of(wave.walls.lines)
+        data, pulse = self.data, self.data.pulse
+        stride = round(data.cell_m / pulse.step_m)
+        cells = np.arange(data.power.shape[1])
+        heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
+        predicted = np.zeros_like(heard, dtype=complex)
+        predict(corners, order, self._heard, data.cell_m, wave.walls.reflection,
+                wave.amplitudes * np.exp(1j * wave.phase), predicted)
+        return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
+
+
+def _slopes(sums: Sums, v: NDArray[np.float64], amplitudes: NDArray[np.float64], phase: float) -> Slopes:
+    """Return the derivatives that the sums add up to, each ping's amplitude marginalised."""
+    turned = (amplitudes * np.exp(-1j * phase))[:, None] * sums.x
+    scores = turned.real - amplitudes[:, None] ** 2 * sums.p
+    n = sums.p.shape[1] // 3
+    information = amplitudes[:, None, None] ** 2 * sums.information
+    information[:, 2 * n:, :2 * n] = np.swapaxes(information[:, :2 * n, 2 * n:], 1, 2)
+    own = (amplitudes / np.sqrt(v))[:, None] * sums.p
+    information -= own[:, :, None] * own[:, None, :]
+    return Slopes(scores, information, turned.imag, amplitudes**2 * v)

@@ -1,0 +1,1 @@
+"""The published solver, eqs. (5)-(10)."""

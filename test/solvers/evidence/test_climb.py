@@ -1,0 +1,107 @@
+"""The one way up, with a likelihood and with walls that the package does not have, written here."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.paths import first_orders
+from polymap_ros.solvers.evidence.climb import climb
+from polymap_ros.solvers.evidence.likelihood import Slopes, information_of
+from polymap_ros.solvers.evidence.power import PowerLikelihood
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.waveform import WaveformLikelihood
+
+
+@dataclass(frozen=True, eq=False)
+class Ranged:
+    """Walls, and what their ranges are worth."""
+
+    walls: Walls
+    value: float
+    slopes: Slopes | None = None
+
+    @property
+    def unknowns(self):
+        return self.walls
+
+    def with_slopes(self, slopes):
+        return replace(self, slopes=slopes)
+
+
+class HeavyTailed:
+    """Ranges (N, n) of first echoes with errors of Student's t of three degrees of freedom and this scale [m]."""
+
+    damping, derives_at_once = 0.0, True
+
+    def __init__(self, data, ranges, scale_m):
+        self.data, self.ranges, self.scale_m = data, ranges, scale_m
+
+    def evaluate(self, walls, like, order, derive=False):
+        if not corners_of(walls.lines)[0]:
+            return None
+        half, along = (np.array(column).T for column in zip(*(
+            first_orders(line, self.data.positions, self.data.baselines) for line in walls.lines), strict=True))
+        error = (self.ranges - half) / self.scale_m
+        weight = 4.0 / (3.0 + error**2)
+        value = -2.0 * np.sum(np.log1p(error**2 / 3.0)) + walls.log_prior()
+        by = np.concatenate((np.ones_like(along), -along, np.zeros_like(along)), axis=1)  # range by r, theta, ln |rho|
+        scores = by * np.tile(weight * error, 3) / self.scale_m
+        information = np.zeros((*by.shape, by.shape[1]))
+        n = len(walls)
+        for wall in range(n):
+            own = np.arange(3) * n + wall
+            information[:, own[:, None], own[None, :]] = (
+                by[:, own, None] * by[:, None, own] * weight[:, wall, None, None] / self.scale_m**2)
+        slopes = Slopes(scores, information, np.zeros_like(scores), np.zeros(len(scores)))
+        return Ranged(walls, value, slopes if derive else None)
+
+
+class Rigid(Walls):
+    """Walls that reflect fully, whatever the echoes say."""
+
+    def held(self, gradient):
+        held = super().held(gradient)
+        held[2 * len(self):] = True
+        return held
+
+
+def test_a_likelihood_from_outside_is_climbed_and_shrugs_off_what_is_far_out(in_pentagon):
+    heard, generator = in_pentagon, np.random.default_rng(4)
+    true = np.array([first_orders(line, heard.data.positions, heard.data.baselines)[0] for line in heard.lines]).T
+    ranges = true + 1e-3 * generator.normal(size=true.shape)
+    ranges[generator.random(true.shape) < 0.1] += 0.3
+    start = Walls.convex(heard.lines + generator.normal(size=(5, 2)) * (3e-3, 5e-3))
+    likelihood = HeavyTailed(heard.data, ranges, 1e-3)
+    top = climb(likelihood, likelihood.evaluate(start, None, 1), 1, 30)
+    errors = (top.walls.lines - heard.lines).T.ravel()
+    deviations = np.sqrt(np.diag(np.linalg.inv(information_of(top))))[:10]
+    assert np.abs(errors / deviations).max() < 4.0
+    assert np.abs(errors[:5]).max() < 2e-3
+    by_least_squares = [np.polyfit(0.0 * column, column, 0) for column in (ranges - true).T]
+    assert np.max(by_least_squares) > 0.01
+
+
+@pytest.mark.parametrize('kind', [PowerLikelihood, WaveformLikelihood])
+def test_walls_from_outside_are_climbed_with_what_they_hold(kind, hear, pentagon, inside):
+    """Of walls that reflect 0.8, told that they reflect fully, the lines are still found."""
+    heard = hear(pentagon, inside(pentagon, 40), order=3, reflection=np.full(5, 0.8), seed=3)
+    likelihood = kind(heard.data)
+    start = Rigid.convex(heard.lines + np.random.default_rng(2).normal(size=(5, 2)) * (1e-4, 3e-4))
+    if kind is PowerLikelihood:
+        begun = likelihood.fitted(start, likelihood.initial(1.0), 3)
+    else:
+        begun = likelihood.begun(start)
+        begun = likelihood.evaluate(begun.walls, begun, 3)
+    top = climb(likelihood, begun, 3, 8)
+    assert isinstance(top.walls, Rigid)
+    assert top.value > begun.value
+    np.testing.assert_array_equal(np.abs(top.walls.reflection), 1.0)
+    np.testing.assert_allclose(top.walls.lines, heard.lines, atol=2e-3)
+
+
+def test_no_way_leads_up_from_walls_that_bound_nothing(in_pentagon):
+    likelihood = PowerLikelihood(in_pentagon.data)
+    assert climb(likelihood, None, 3, 8) is None
+    assert climb(likelihood, likelihood.initial(1.0), 3, 8) is None

@@ -1,0 +1,98 @@
+"""What odometry says of neighbouring poses: against the simulator's wheels, sums of poses, and numeric derivatives."""
+
+import numpy as np
+import pytest
+
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.poses import between, onward
+from polymap_ros.simulation.odometry import Drift, reported
+from polymap_ros.solvers.evidence.odometry import FLOOR_M, FLOOR_RAD, SLIP, Increments, OdometryNoise
+
+NOISE = OdometryNoise(0.015, np.deg2rad(1.5), 0.05)
+
+
+def drawn(count=6, seed=1):
+    generator = np.random.default_rng(seed)
+    places = np.cumsum(generator.normal(0.0, 0.2, (count, 2)), axis=0)
+    return np.column_stack((places, generator.uniform(-3.0, 3.0, count)))
+
+
+def chain(poses, noise=NOISE):
+    steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    return Increments.of(poses, np.append(0.0, np.cumsum(steps)),
+                       np.append(0.0, np.cumsum(np.diff(poses[:, 2]) ** 2)), noise)
+
+
+def test_a_pose_seen_from_another_is_that_of_composed_poses():
+    poses = drawn()
+    seen = between(poses[:-1], poses[1:])
+    for one, other, found in zip(poses[:-1], poses[1:], seen, strict=True):
+        expected = Pose(*one).inverse().compose(Pose(*other))
+        np.testing.assert_allclose(found, (expected.x, expected.y, expected.yaw), atol=1e-12)
+    np.testing.assert_allclose(onward(poses[:-1], seen), poses[1:], atol=1e-12)
+
+
+@pytest.mark.parametrize(('turn_deg', 'way_m'), [(0.0, 0.14), (60.0, 0.14), (-120.0, 0.5)])
+def test_the_covariance_is_that_of_the_simulators_wheels(turn_deg, way_m):
+    """4,000 drives in 40 steps each, of which the first turns: a walk of the heading bends the way all along."""
+    turn = np.deg2rad(turn_deg)
+    steps = np.linspace(0.0, way_m, 41)
+    true = np.column_stack((steps * np.cos(turn), steps * np.sin(turn), np.append(0.0, np.full(40, turn))))
+    generator, drift = np.random.default_rng(2), Drift(0.015, 1.5, 0.05)
+    drives = np.array([reported(true, drift, generator)[[0, -1]] for _ in range(4_000)])
+    true = true[[0, -1]]
+    errors = between(drives[:, 0], drives[:, 1]) - between(true[:1], true[1:])
+    sample = np.cov(errors.T)
+    odometry = chain(true)
+    floor = np.diag((FLOOR_M**2, FLOOR_M**2, FLOOR_RAD**2))
+    scale = np.sqrt(np.diag(odometry.covariance[0]))
+    expected = (odometry.covariance[0] - floor) / np.outer(scale, scale)
+    np.testing.assert_allclose(sample / np.outer(scale, scale), expected, atol=0.06)
+
+
+@pytest.mark.parametrize('trusted', [True, False])
+def test_the_gradient_is_that_of_the_log_density(trusted):
+    poses = drawn()
+    odometry = chain(poses)
+    odometry = odometry.trusted() if trusted else odometry
+    there = poses + 0.02 * np.random.default_rng(3).normal(size=poses.shape)
+    gradient, information = odometry.derivatives(there)
+    step = 1e-6 * np.eye(there.size).reshape(-1, *there.shape)
+    slopes = [(odometry.log_prior(there + each) - odometry.log_prior(there - each)) / 2e-6 for each in step]
+    np.testing.assert_allclose(gradient, slopes, rtol=1e-4, atol=1e-4 * np.abs(slopes).max())
+    np.testing.assert_allclose(information, information.T)
+
+
+def test_without_errors_the_information_is_the_curvature():
+    poses = drawn()
+    odometry = chain(poses).trusted()
+    _, information = odometry.derivatives(poses)
+    step = 1e-5 * np.eye(poses.size).reshape(-1, *poses.shape)
+    curvature = [(odometry.derivatives(poses - each)[0] - odometry.derivatives(poses + each)[0]) / 2e-5
+                 for each in step]
+    np.testing.assert_allclose(information, curvature, rtol=1e-4, atol=1e-6 * information.max())
+
+
+def test_a_frame_of_its_own_changes_nothing():
+    poses = drawn()
+    c, s = np.cos(0.7), np.sin(0.7)
+    moved = np.column_stack((poses[:, :2] @ [[c, s], [-s, c]] + (3.0, -1.0), poses[:, 2] + 0.7 + 2.0 * np.pi))
+    np.testing.assert_allclose(chain(poses).squares(moved), 0.0, atol=1e-18)
+
+
+def test_a_slip_costs_tens_of_nats_and_not_thousands():
+    poses = drawn()
+    slipped = poses.copy()
+    slipped[3:, 0] += 0.3
+    odometry = chain(poses)
+    assert odometry.squares(slipped).max() > SLIP
+    assert -60.0 < odometry.log_prior(slipped) < -10.0
+    assert odometry.trusted().log_prior(slipped) < 5.0 * odometry.log_prior(slipped)
+
+
+def test_the_way_between_pings_that_are_not_kept_counts():
+    """A robot that has driven a loop between two pings knows less of the second than their distance tells."""
+    poses = np.array([(0.0, 0.0, 0.0), (0.1, 0.0, 0.0)])
+    straight = Increments.of(poses, np.array([0.0, 0.1]), np.zeros(2), NOISE)
+    loop = Increments.of(poses, np.array([0.0, 4.0]), np.array([0.0, 2.0]), NOISE)
+    assert np.all(np.diag(loop.covariance[0]) > 5.0 * np.diag(straight.covariance[0]))
