@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import Any, get_type_hints
 
 from polymap_ros.errors import ParameterError
+from polymap_ros.map_parameters import MOST_FREE_CELLS, FreeAreaParameters, GridParameters
 from polymap_ros.names import suggestion
 from polymap_ros.result_parameters import MapParameters, OutputParameters, TopicParameters
 from polymap_ros.slam_parameters import SlamParameters
@@ -33,15 +34,6 @@ SAMPLE_DTYPES = ('uint8', 'int8', 'uint16', 'int16', 'uint32', 'int32', 'uint64'
 
 LEAST_CYCLES, MOST_CYCLES = 0.1, 1000.0
 """Of a pulse: its spectrum is a sum over as many times 64 samples at most."""
-
-MOST_RANGES = 1 << 18
-"""Ranges of an echo, of which a hundred are kept: 200 MB."""
-
-MOST_CELLS = 2e7
-"""Of the beamforming map, which takes 12 bytes for each, and again where a twin is solved or saved."""
-
-MOST_FREE_CELLS = 5e7
-"""Of the grid of the free area, 24 bytes each while a ping is drawn."""
 
 
 @dataclass(frozen=True)
@@ -242,57 +234,6 @@ class OdometryParameters(Group):
 
 
 @dataclass(frozen=True)
-class GridParameters(Group):
-    """The beamforming map's axes (r, theta) and the range axis of the envelopes."""
-
-    PREFIX = 'grid.'
-    range_max_m: float = parameter(3.0, 'end of the range axis', unit='m', minimum=1e-3, maximum=1e5)
-    range_step_m: float = parameter(0.005, 'step of the range axis', unit='m', minimum=1e-6, maximum=1e4)
-    angle_step_deg: float = parameter(1.0, 'step of the angle axis', unit='deg', minimum=1e-3, maximum=90.0)
-    angle_min_deg: float = parameter(0.0, 'start of the angle axis', unit='deg', minimum=-360.0, maximum=360.0)
-    angle_max_deg: float = parameter(360.0, 'end of the angle axis, exclusive', unit='deg',
-                                     minimum=-360.0, maximum=720.0)
-
-    def check(self) -> None:
-        if self.range_step_m > self.range_max_m / 2:
-            raise ParameterError('grid.range_step_m',
-                                 f'{self.range_step_m!r} leaves fewer than three ranges up to grid.range_max_m '
-                                 f'({self.range_max_m!r})')
-        span = self.angle_max_deg - self.angle_min_deg
-        if not 0.0 < span <= 360.0:
-            raise ParameterError('grid.angle_max_deg', f'{self.angle_max_deg!r} is not above grid.angle_min_deg '
-                                 f'({self.angle_min_deg!r}) by at most 360')
-        ranges = self.range_max_m / self.range_step_m
-        if ranges > MOST_RANGES:
-            raise ParameterError('grid.range_step_m', f'{self.range_step_m!r} makes {ranges:.3g} ranges up to '
-                                 f'grid.range_max_m ({self.range_max_m!r}); allowed: up to {MOST_RANGES}')
-        if (cells := ranges * span / self.angle_step_deg) > MOST_CELLS:
-            raise ParameterError('grid.angle_step_deg', f'{self.angle_step_deg!r} makes a map of {cells:.3g} cells; '
-                                 f'allowed: up to {MOST_CELLS:.0e}')
-
-
-@dataclass(frozen=True)
-class FreeAreaParameters(Group):
-    """The area that no wall crosses, from the closest range of every ping."""
-
-    PREFIX = 'free_area.'
-    model: str = parameter('discs', 'union of a disc per ping, or a grid of probabilities, which a few wrong ranges do '
-                           'not spoil', choices=('discs', 'grid'))
-    false_alarm: float = parameter(
-        0.0, 'share of the pings without echoes in which noise may be taken for the first one; 0: an echo is a peak of '
-        '0.3 of the strongest one', minimum=0.0, maximum=0.5)
-    missed: float = parameter(0.2, "share of the first echoes that are not heard, which makes ranges too long (grid)",
-                              minimum=1e-6, maximum=0.9)
-    cell_m: float = parameter(0.0, 'size of a cell; 0: twice grid.range_step_m (grid)', unit='m', minimum=0.0,
-                              maximum=1e4)
-
-    def check(self) -> None:
-        if 0.0 < self.false_alarm < 1e-12:
-            raise ParameterError('free_area.false_alarm', f'{self.false_alarm!r} is never reached by noise; allowed: '
-                                 '0, or at least 1e-12')
-
-
-@dataclass(frozen=True)
 class SolverParameters(Group):
     """The search for the polygon."""
 
@@ -345,6 +286,9 @@ class Parameters:
             raise ParameterError('medium.thickness_m', f'{medium.thickness_m!r} is {wavelengths:.3g} wavelengths of '
                                  f'shear waves at pulse.frequency_hz ({self.pulse.frequency_hz!r}); allowed: 1e-4 to '
                                  '100')
+        if self.slam.map_origin != 'odom' and self.odometry.plane != 'xy':
+            raise ParameterError('slam.map_origin', f'{self.slam.map_origin!r} is for odometry.plane xy; the '
+                                 f'coordinates of {self.odometry.plane!r} begin where the robot does')
         across = 2.0 * grid.range_max_m / (area.cell_m or 2.0 * grid.range_step_m)
         if area.model == 'grid' and (cells := across * across) > MOST_FREE_CELLS:
             raise ParameterError('free_area.cell_m', f'{area.cell_m!r} makes a grid of {cells:.3g} cells within '

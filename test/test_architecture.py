@@ -13,7 +13,7 @@ import polymap_ros
 PACKAGE = Path(polymap_ros.__file__).parent
 FILES = sorted(PACKAGE.rglob('*.py'))
 SHARED = {'errors', 'parameters', 'specification', 'plain_yaml', 'cautions', 'packing', 'paths',
-          'names', 'slam_parameters', 'result_parameters'}
+          'names', 'slam_parameters', 'result_parameters', 'map_parameters'}
 """Modules beside the rooms that every room may import; the others are listed with the rooms that use them."""
 
 _MAPPING = {'geometry', 'acoustics', 'hearing', 'maps', 'solvers', 'mapping'}
@@ -162,8 +162,8 @@ def test_no_exception_is_swallowed():
 
 
 def test_files_and_functions_are_small():
-    """Less than 450 lines and 70 lines; 100 for a compiled inner loop, which is better read in one piece."""
-    assert [where(path) for path in FILES if len(path.read_text(encoding='utf-8').splitlines()) >= 450] == []
+    """Less than 400 lines and 70 lines; 100 for a compiled inner loop, which is better read in one piece."""
+    assert [where(path) for path in FILES if len(path.read_text(encoding='utf-8').splitlines()) >= 400] == []
     lengths = {(path, node): node.end_lineno - (node.body[0].end_lineno if ast.get_docstring(node) else node.lineno)
                for path, node in nodes(ast.FunctionDef)}
     assert [f'{where(path, node)} {node.name}' for (path, node), length in lengths.items()

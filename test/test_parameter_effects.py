@@ -205,6 +205,7 @@ ROWS = {
     'solver.neighbourhood_deg': (5.0, solved, {'solver.iterations': 20}),
     'slam.mode': 'solvers/evidence/test_drift.py: test_off_takes_the_odometry_as_exact',
     'slam.map_frame': 'node/test_map_frame.py: test_in_a_map_frame_path_and_polygon_stay_where_they_are',
+    'slam.map_origin': 'mapping/test_mapper.py: test_a_map_frame_that_begins_at_the_first_ping_keeps_coordinates_small',
     'slam.publish_tf': 'node/test_map_frame.py: test_no_tf_is_broadcast_where_somebody_else_gives_it',
     'slam.tf_period_s': 'node/test_map_frame.py: test_tf_comes_as_often_and_as_far_ahead_as_asked',
     'slam.tf_tolerance_s': 'node/test_map_frame.py: test_tf_comes_as_often_and_as_far_ahead_as_asked',

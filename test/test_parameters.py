@@ -6,12 +6,11 @@ import math
 import pytest
 
 from polymap_ros.errors import ParameterError, UsageError
+from polymap_ros.map_parameters import FreeAreaParameters, GridParameters
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import (
     EchoParameters,
-    FreeAreaParameters,
     FrontEndParameters,
-    GridParameters,
     MapParameters,
     MediumParameters,
     Parameters,
@@ -135,6 +134,11 @@ def test_every_method_is_known(method):
     (lambda: Parameters().replaced({'output.dir': 'two\nlines'}), 'output.dir'),
     (lambda: Parameters().replaced({'output.dir': '\ud800'}), 'output.dir'),
     (lambda: Parameters().replaced({'sensor.x_m': 10**400}), 'sensor.x_m'),
+    (lambda: Parameters().replaced({'slam.map_origin': 'first_ping'}), 'slam.map_origin'),
+    (lambda: Parameters().replaced({'slam.map_origin': 'first_ping', 'slam.map_frame': 'map',
+                                    'slam.mode': 'localization'}), 'slam.map_origin'),
+    (lambda: Parameters().replaced({'slam.map_origin': 'first_ping', 'slam.map_frame': 'map',
+                                    'odometry.plane': 'first_pose'}), 'slam.map_origin'),
 ])
 def test_values_that_do_not_go_together_are_refused(build, name):
     with pytest.raises(ParameterError) as refused:

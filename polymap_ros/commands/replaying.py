@@ -167,10 +167,26 @@ def _mapped(recording: 'Recording', parameters: Parameters, arguments: argparse.
         noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
     if mapper.plane and not mapper.plane.is_xy:
         truth = true_path = None  # they are in the odometry's x and y
+    truth, true_path = _in_map_frame(mapper.origin, truth, true_path)
     cautions = (*replay.cautions(), *noted, *map_cautions(estimate, parameters))
     estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
     return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
                   truth, true_path)
+
+
+def _in_map_frame(
+    origin: 'Pose | None', truth: 'NDArray[np.float64] | None',
+    true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None',
+) -> 'tuple[NDArray[np.float64] | None, tuple[NDArray[np.int64], NDArray[np.float64]] | None]':
+    """The ground truth, which is in the odometry's frame, where the map frame has another origin."""
+    from polymap_ros.geometry.pose import Pose
+    from polymap_ros.geometry.poses import in_frame
+
+    if origin is None or origin == Pose(0.0, 0.0):
+        return truth, true_path
+    frame = origin.inverse()
+    return (None if truth is None else frame.apply(truth),
+            None if true_path is None else (true_path[0], in_frame(true_path[1], frame)))
 
 
 def _accompaniments(mapped: Mapped, arguments: argparse.Namespace) -> 'Iterator[Entry]':
@@ -216,7 +232,7 @@ def _report(mapped: Mapped) -> bytes:
     mapper, estimate = mapped.mapper, mapped.estimate
     document = polygon_document(
         estimate, mapper.map_frame, mapper.counts, mapped.parameters, mapped.cautions, mapper.plane or XY,
-        recording_name(mapped.recording.path))
+        recording_name(mapped.recording.path), map_to_odom=mapper.map_to_odom)
     return report_html(document, [*estimate.cautions, *mapped.cautions], Survey.of(mapper, mapped.truth))
 
 
@@ -247,6 +263,8 @@ def _tell(mapped: Mapped, exports: Sequence[str]) -> None:
     text = summary(mapped.estimate, frame, mapper.counts, others, comparison, off)
     console.tell(f'{console.in_one_line(mapped.recording.path)}: {text}')
     console.tell(f'odometry: {odometry.received} received, {odometry.used} used')
+    if mapped.parameters.slam.map_origin != 'odom' and mapper.origin is not None:
+        console.tell(f'{frame}: its origin is at {mapper.origin.text} of {mapper.frame_id!r}')
     if missing := [f'polygon.{kind}' for kind in exports if not is_exported(kind, mapped.estimate)]:
         console.tell(f'no {", ".join(missing)}: there is no polygon to export')
 

@@ -15,10 +15,11 @@ from polymap_ros.evaluation.paired import Paired, paired
 from polymap_ros.evaluation.round_trip import RoundTrip
 from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.maps.beamforming import BeamformingMap
 from polymap_ros.maps.thinning import KEPT_PINGS
-from polymap_ros.parameters import GridParameters, Parameters
+from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.paper.annealing import Landscape, cost_of
 from polymap_ros.solvers.paper.solver import PaperSolver
 

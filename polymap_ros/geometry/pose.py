@@ -1,7 +1,7 @@
 """A pose in the plane."""
 
 from dataclasses import dataclass
-from math import cos, isfinite, sin
+from math import cos, degrees, isfinite, sin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,11 @@ class Pose:
     def is_sound(self) -> bool:
         """Whether this can be the pose of a robot: finite, and within `FARTHEST_M`."""
         return abs(self.x) <= FARTHEST_M and abs(self.y) <= FARTHEST_M and abs(self.yaw) <= FARTHEST_M
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        return f'({self.x:.3f}, {self.y:.3f}) m, {degrees(self.yaw):.1f} deg'
 
     def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Transform points (..., 2) given in this pose's frame into the frame it is expressed in."""

@@ -20,11 +20,15 @@ Part = dict[str, NDArray[np.generic]]
 
 
 class PlacedPing(NamedTuple):
-    """A ping, the reported pose of the robot's base at its emission, and the sensor's, its known errors taken out."""
+    """A ping with the pose of the robot's base at its emission, as reported and with its known errors taken out.
+
+    `mount` is the sensor's place on the base.
+    """
 
     ping: Ping
+    reported: Pose
     base: Pose
-    sensor: Pose
+    mount: Pose
 
 
 class Intake:
@@ -153,8 +157,10 @@ class Intake:
         self.behind = False
         if self.held or self.resuming:
             return
-        for number, (ping, base) in enumerate(self._queue.placed(lambda ping: self._located(ping) and ready(ping)), 1):
-            yield PlacedPing(ping, base, self._correction(base).compose(self.locate(ping.frame_id) or Pose(0.0, 0.0)))
+        waiting = self._queue.placed(lambda ping: self._located(ping) and ready(ping))
+        for number, (ping, reported) in enumerate(waiting, 1):
+            mount = self.locate(ping.frame_id) or Pose(0.0, 0.0)
+            yield PlacedPing(ping, reported, self._correction(reported), mount)
             if number == self._at_most:
                 self.behind = True
                 return

@@ -20,7 +20,8 @@ from polymap_ros.acoustics.units import likely_period, likely_unit
 from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.signals import Signals
-from polymap_ros.parameters import MOST_RANGES, Parameters
+from polymap_ros.map_parameters import MOST_RANGES
+from polymap_ros.parameters import Parameters
 
 MAX_SAMPLES = 1 << 20
 """A longer ping is refused: more would be spent on one than on a whole recording."""

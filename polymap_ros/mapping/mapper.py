@@ -1,39 +1,24 @@
 """From echoes and odometry to the polygon: the one way through."""
 
-import copy
 import dataclasses
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Mapping
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from shapely import Polygon, contains_xy
 
-from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import RecordedPulse
-from polymap_ros.errors import BadPing, UsageError
-from polymap_ros.geometry.plane import Plane, SpatialPose
+from polymap_ros.errors import UsageError
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import in_frame, onward
-from polymap_ros.hearing.common_removal import CommonRemoval
-from polymap_ros.hearing.echo_band import EchoBand
-from polymap_ros.hearing.intake import Intake
-from polymap_ros.hearing.listening import Later, Listener, at_once
-from polymap_ros.hearing.odometer import Odometer
-from polymap_ros.hearing.offsets import Offsets
-from polymap_ros.hearing.packed_soundings import packed_soundings, unpacked_soundings
-from polymap_ros.hearing.ping_queue import PingCounts
-from polymap_ros.hearing.signals import Signals
-from polymap_ros.hearing.sounding import Sounding
-from polymap_ros.mapping.kept_pings import KeptPings, NewestPings
+from polymap_ros.hearing.listening import Later, at_once
 from polymap_ros.mapping.outline import known_outline
-from polymap_ros.mapping.path_log import Path, PathLog
-from polymap_ros.mapping.state import damage_told, packed, packed_frame, unpacked, unpacked_frame
+from polymap_ros.mapping.path_log import Path
+from polymap_ros.mapping.reception import Reception
+from polymap_ros.mapping.state import damage_told, packed, unpacked
 from polymap_ros.mapping.surroundings import Surroundings, redrawn
-from polymap_ros.maps.beamforming import BeamformingMap
-from polymap_ros.maps.free_area import FreeArea
 from polymap_ros.maps.thinning import KEPT_PINGS
-from polymap_ros.maps.visited import Places
-from polymap_ros.packing import whole_number
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.estimate import Estimate, Trajectory
@@ -47,12 +32,12 @@ FOLLOWED = 12
 for where the odometry leads from the one before."""
 
 
-class PolygonMapper:
+class PolygonMapper(Reception):
     """Takes poses and pings as they come and answers with the polygon around the sensor.
 
     Lines, map and free area are kept in the start frame: its origin is the sensor's position at the first used ping,
-    its x axis the robot's heading there. Estimates are in the odometry's frame, or where the mapping plane is not its
-    xy plane, in the coordinates of `plane`.
+    its x axis the robot's heading there. Estimates are in the map frame, which is the odometry's at the first used ping
+    or begins there (`origin`), or where the mapping plane is not its xy plane, in the coordinates of `plane`.
 
     Parameters
     ----------
@@ -81,8 +66,10 @@ class PolygonMapper:
         Where all pings were used.
     path_log : PathLog
         Where the odometry reported all of them.
+    origin : Pose or None
+        The map frame in that of the odometry at the first used ping (`slam.map_origin`); None until there was one.
     start_pose : Pose or None
-        The start frame in the mapping plane; None until a ping was used.
+        The start frame in the map frame; None until a ping was used.
     estimate : Estimate or None
         The last finished solve.
     tap : callable
@@ -95,48 +82,27 @@ class PolygonMapper:
         self, parameters: Parameters, recorded_pulse: RecordedPulse | ArrayLike | None = None,
         later: Later = at_once, at_most: int | None = None, outline: ArrayLike | None = None,
     ) -> None:
-        if recorded_pulse is not None:
-            parameters = parameters.replaced({'pulse.kind': 'file'})
-        self.parameters = parameters
         self._outline = known_outline(outline) if parameters.localises else None
-        self.tap: Callable[[Ping, Pose], None] = _nobody
-        self.placed: Callable[[int], None] = _nobody
-        self.intake = Intake(parameters, at_most)
-        self._listener = Listener(parameters, BeamformingMap(parameters.grid).r_m, recorded_pulse, later)
-        self.reset()
+        super().__init__(parameters, recorded_pulse, later, at_most)
 
     def __repr__(self) -> str:
         return f'PolygonMapper({self.counts.received} pings, {self.counts.used} used, estimate={self.estimate!r})'
 
     def reset(self) -> None:
         """Forget everything; the mapper is as new."""
-        self.intake.reset()
-        self._listen(self._listener)
-        self._offsets = Offsets()
-        self._band = EchoBand()
-        self._odometer, self._mount = Odometer(), Pose(0.0, 0.0)
-        self._as_reported = Surroundings.empty(self.parameters)
+        super().reset()
         self._corrected: Surroundings | None = None  # at estimated places
-        self._kept = KeptPings() if self._outline is None else NewestPings()
-        self.places, self.path_log = Places(), PathLog()
         self._solved_at = 0  # pings at the last solve
-        self._restored = False  # and no odometry has come since
-        self.start_pose: Pose | None = None
         self.estimate: Estimate | None = None
         self._solver = make_solver(self.parameters)  # a twin may be in the middle of a solve
 
-    def twin(self) -> 'PolygonMapper':
+    def twin(self) -> Self:
         """Return a copy to be solved, saved or drawn in another thread while this one takes what comes.
 
         It solves with the same solver, so that the next solve starts from its answer; `reset` and `configure` of
         either leave the other alone.
         """
-        twin = copy.copy(self)
-        twin.tap = twin.placed = _nobody
-        twin.intake, twin._common = self.intake.copy(), self._common.copy()
-        twin._as_reported, twin._kept = self._as_reported.copy(), self._kept.copy()
-        twin.places, twin.path_log = self.places.copy(), self.path_log.copy()
-        return twin
+        return super().twin()
 
     def configure(self, parameters: Parameters) -> None:
         """Take over changed `solver` parameters for solves that begin from now on; others are for a new mapper."""
@@ -144,126 +110,16 @@ class PolygonMapper:
         self._solver = make_solver(parameters)
 
     @property
-    def plane(self) -> Plane | None:
-        """The mapping plane, in which all of this is; None until there was a pose."""
-        return self.intake.plane
-
-    @property
-    def frame_id(self) -> str:
-        """The odometry's frame; empty until there was a pose."""
-        return self.intake.frame_id
-
-    @property
-    def beam_map(self) -> BeamformingMap:
-        """L_T of eq. (4), of all pings at their reported places."""
-        return self._as_reported.beam_map
-
-    @property
-    def free_area(self) -> FreeArea:
-        """A_T, of the same."""
-        return self._as_reported.free_area
-
-    @property
     def map_frame(self) -> str:
         """The frame of estimates: `slam.map_frame`, or where that is empty the odometry's as of the first used ping."""
         return self.parameters.slam.map_frame or self.frame_id
 
     @property
-    def counts(self) -> PingCounts:
-        """What became of the pings."""
-        return self.intake.counts
-
-    def add_pose(
-        self, stamp_ns: int, pose: Pose | SpatialPose | tuple[float, float, float], frame_id: str = 'odom'
-    ) -> bool:
-        """Add the pose of the robot's base [ns], in the mapping plane (x, y, yaw will do) or in space; use what waited.
-
-        False, and not taken, if the stamp is not after the newest one, or the frame is not that of the first pose.
-        Where poses begin more than `odometry.max_gap_s` before those of a restored state, that was saved under another
-        clock: its map stays, its poses and waiting pings are forgotten.
-        """
-        pose = pose if isinstance(pose, Pose | SpatialPose) else Pose.of(pose)
-        newest_ns = self.intake.newest_ns
-        taken = self.intake.add_pose(stamp_ns, pose, frame_id)
-        if taken and self._restored:
-            self._restored = False
-            if newest_ns is not None and abs(stamp_ns - newest_ns) > 1e9 * self.parameters.odometry.max_gap_s:
-                self._kept.resume()
-        if taken and self.intake.due:
-            self._come_up()
-        return taken
-
-    def add_ping(self, ping: Ping) -> None:
-        """Add a ping; it is used once the odometry brackets its emission, or dropped and counted, never fatal."""
-        if not isinstance(ping, Ping):
-            raise UsageError(f'ping: found {type(ping).__name__}; allowed: a Ping, of the stamp, samples and period_s')
-        try:
-            listener = self._listener.at(ping.period_s)
-            listener.check(ping)
-        except BadPing as bad:
-            self.intake.refuse(bad.reason, str(bad))
-            return
-        if listener is not self._listener:
-            self._listen(listener)
-        if self.intake.add_ping(ping):
-            self._come_up()
-
-    def drop(self, reason: str, text: str = '') -> None:
-        """Count a ping that was received and refused before it became one."""
-        self.intake.refuse(reason, text)
-
-    def finish(self) -> None:
-        """No more odometry will come: pings still waiting are dropped as ``no_pose``."""
-        self.intake.end()
-        self.go_on()
-        self.intake.drop_waiting()
-        self._hear(self._common.finish())
-
-    def go_on(self) -> None:
-        """Use the pings that have waited long enough: for odometry, the sensor's place, what was to be done `later`."""
-        for ping, base, sensor in self.intake.placed(self._listener.ready):
-            self.tap(ping, base)
-            self.start_pose, self._mount = self.start_pose or sensor, base.inverse().compose(sensor)
-            self._hear(self._common.take(ping, self.start_pose.inverse().compose(sensor)))
-
-    def _come_up(self) -> None:
-        """Go on with what came; a backlog only grows by it, as messages come faster than a backlog is used."""
-        self.intake.place()
-        if not self.intake.behind:
-            self.go_on()
-
-    def _hear(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
-        """Add pings, with the sensor's place in the start frame, to the maps."""
-        for ping, place in placed:
-            self._band = self._band.taken(ping, self.parameters)
-            self._offsets = self._offsets.taken(ping.samples, self.parameters)
-            base = place.compose(self._mount.inverse())
-            self._odometer = self._odometer.to(base)
-            self.path_log.add(ping.emission_ns, base)
-            kept = self._kept.wants(place)
-            echo, envelope, rho, noise, confidence = self._listener.hear(ping, finely=kept)  # eq. (3)
-            if kept:
-                self._kept.take(Sounding(
-                    ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw, self._mount,
-                    self._odometer.driven_m, self._odometer.turned_rad2))
-            self.places.add(ping.stamp_ns, place.x, place.y)
-            self._as_reported.hear(place, envelope, rho, confidence, self.parameters.sensor.baseline_m)
-            self.placed(ping.stamp_ns)
-
-    def _listen(self, listener: Listener) -> None:
-        self._listener = listener
-        self._common = CommonRemoval(self.parameters.front_end.common_pings, listener.pulse_s, listener.pulse_m)
-
-    def signals(self, ping: Ping) -> Signals:
-        """Return what would be made of a ping now, step by step, to be looked at; `BadPing` if it cannot be used."""
-        listener = self._listener.at(ping.period_s)
-        listener.check(ping)
-        return listener.signals(ping, self._common.cleaned(ping))
-
-    @property
-    def soundings(self) -> list[Sounding]:
-        """The pings whose echoes are kept, in order of emission as far as they came in time."""
-        return self._kept.soundings
+    def map_to_odom(self) -> Pose:
+        """The pose of the odometry's frame in the map frame, by the last estimate."""
+        path = self.estimate.trajectory if self.estimate else None
+        correction = path.map_to_odom if path else Pose(0.0, 0.0)
+        return correction.compose((self.origin or Pose(0.0, 0.0)).inverse())
 
     @property
     def evidence(self) -> Evidence:
@@ -293,7 +149,7 @@ class PolygonMapper:
         self._solver.expect(Expected(correction, place_m, heading_rad))
 
     def solve(self, checkpoint: Checkpoint = unwatched) -> Estimate:
-        """Solve from what has been heard so far and return the answer, in the odometry's frame.
+        """Solve from what has been heard so far and return the answer, in the map frame.
 
         The checkpoint is called between the steps of the work; what comes meanwhile is for the next solve. Where it
         raises `Stopped`, that comes out of here, and `estimate` stays as it is.
@@ -388,14 +244,8 @@ class PolygonMapper:
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Return all that is needed to go on as if nothing had happened, as arrays of numbers and strings."""
-        return packed(self.parameters, {
-            'frame': packed_frame(self.frame_id, self.start_pose, self.plane),
-            'soundings': packed_soundings(self._kept.all), 'waiting': {'count': np.array(len(self._kept.waiting))},
-            'offsets': self._offsets.state(), 'band': self._band.state(), 'odometer': self._odometer.state(),
-            'path': self.path_log.state(),
-            'pulse': {'period_s': np.array(self._listener.recorded_period_s)}, **self.intake.parts(),
-            **({'drift': self._solver.state()} if isinstance(self._solver, EvidenceSolver) else {}),
-            **{name: part.state() for name, part in self._parts.items()}})
+        drift = {'drift': self._solver.state()} if isinstance(self._solver, EvidenceSolver) else {}
+        return packed(self.parameters, {**self.reception_parts(), **drift})
 
     @classmethod
     def from_state(
@@ -413,37 +263,7 @@ class PolygonMapper:
         mapper = cls(parameters, recorded_pulse, later, at_most)
         with damage_told():
             parts = unpacked(mapper.parameters, state)
-            if 'band' in parts:
-                mapper._band = EchoBand.restored(parts['band'])
-            if 'odometer' in parts:
-                mapper._odometer = Odometer.restored(parts['odometer'])
             if 'drift' in parts and isinstance(mapper._solver, EvidenceSolver):
                 mapper._solver.restore(parts['drift'])
-            if 'path' in parts:
-                mapper.path_log.restore(parts['path'])
-            if 'pulse' in parts:
-                mapper._listen(mapper._listener.at(float(parts['pulse']['period_s'])))
-            if 'offsets' in parts:
-                mapper._offsets = Offsets.restored(parts['offsets'])
-            frame_id, mapper.start_pose, plane = unpacked_frame(parts['frame'])
-            soundings = unpacked_soundings(parts['soundings'], mapper._listener.n_fine, mapper._listener.fold)
-            waiting = whole_number(parts['waiting']['count']) if 'waiting' in parts else 0
-            chosen = max(len(soundings) - waiting, 0)
-            mapper._kept = KeptPings(soundings[:chosen], soundings[chosen:])
-            mapper.intake.restore(parts, frame_id, plane)
-            for name, part in mapper._parts.items():
-                part.restore(parts[name])
-            for ping in (*mapper.intake.waiting, *mapper._common.pings):
-                mapper._listener.check(ping)
-        mapper.intake.resuming = parameters.odometry.on_jump_back == 'reset'
-        mapper._restored = True
+            mapper.restore_reception(parts)
         return mapper
-
-    @property
-    def _parts(self) -> dict[str, Places | CommonRemoval | BeamformingMap | FreeArea]:
-        """What takes over what it saved."""
-        return {'places': self.places, 'common': self._common, 'beam_map': self.beam_map, 'free_area': self.free_area}
-
-
-def _nobody(*_: object) -> None:
-    """Is told, and does nothing."""

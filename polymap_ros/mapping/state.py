@@ -16,8 +16,9 @@ VERSION, READ = 4, (3, 4)
 """What is written, and what is read: version 3 (0.1) knows neither mount nor way driven."""
 
 MATTERING = ('medium.', 'pulse.', 'sensor.', 'grid.', 'front_end.', 'free_area.', 'echo.kind', 'echo.t0_s',
-             'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m')
-"""Parameters that what is kept depends on; the path of a pulse's file says nothing about its content."""
+             'echo.blanking_m', 'odometry.plane', 'odometry.scale', 'odometry.yaw_drift_deg_m', 'slam.map_origin')
+"""Parameters that what is kept depends on; the path of a pulse's file says nothing about its content. Those that a
+state of an earlier version lacks had the values that are the defaults now."""
 
 Part = dict[str, NDArray[np.generic]]
 
@@ -39,7 +40,7 @@ def unpacked(parameters: Parameters, state: Mapping[str, NDArray[np.generic]]) -
     """
     if whole_number(state['version']) not in READ:
         raise StateError(f'the state has version {state["version"]}; allowed: {READ[0]} to {READ[-1]}')
-    then, now = dict(state['parameters'].tolist()), _mattering(parameters)
+    then, now = _mattering(Parameters()) | dict(state['parameters'].tolist()), _mattering(parameters)
     for name in sorted(then.keys() | now.keys()):
         if then.get(name) != now.get(name):
             raise StateError(f'the saved map was made with {name} {then.get(name)}, now it is {now.get(name)}: set it '
@@ -62,23 +63,30 @@ def damage_told() -> Iterator[None]:
         raise StateError(f'the state is damaged: {" ".join(str(error).split())}') from error
 
 
-def packed_frame(frame_id: str, start: Pose | None, plane: Plane | None) -> Part:
-    """The odometry's frame, the mapping plane in it, and the start frame in that."""
-    starts = [(start.x, start.y, start.yaw)] if start else []
+def packed_frame(frame_id: str, start: Pose | None, plane: Plane | None, origin: Pose | None = None) -> Part:
+    """The odometry's frame, the mapping plane in it, the map frame in that, and the start frame in the map's."""
     planes = [(*plane.frame.position, *plane.frame.orientation, plane.level_m)] if plane else []
-    return {'id': np.array(frame_id), 'start': np.array(starts, dtype=float).reshape(-1, 3),
+    return {'id': np.array(frame_id), 'start': _rows(start), 'origin': _rows(origin),
             'plane': np.array(planes, dtype=float).reshape(-1, 8)}
 
 
-def unpacked_frame(part: Part) -> tuple[str, Pose | None, Plane | None]:
-    """Undo `packed_frame`."""
+def _rows(pose: Pose | None) -> NDArray[np.float64]:
+    """A pose as the only row, or no row."""
+    return np.array([(pose.x, pose.y, pose.yaw)] if pose else [], dtype=float).reshape(-1, 3)
+
+
+def unpacked_frame(part: Part) -> tuple[str, Pose | None, Plane | None, Pose | None]:
+    """Undo `packed_frame`; without an origin, as earlier, the map frame is the odometry's."""
     starts, planes = np.asarray(part['start'], float), np.asarray(part['plane'], float)
-    if starts.shape not in ((0, 3), (1, 3)) or not np.all(np.abs(starts) <= FARTHEST_M):
-        raise StateError('the start frame is not a pose')
+    origins = np.asarray(part['origin'], float) if 'origin' in part else np.zeros_like(starts)
+    for rows, name in ((starts, 'start frame'), (origins, 'map frame')):
+        if rows.shape not in ((0, 3), (1, 3)) or not np.all(np.abs(rows) <= FARTHEST_M):
+            raise StateError(f'the {name} is not a pose')
     if planes.shape not in ((0, 8), (1, 8)) or not np.all(np.isfinite(planes)):
         raise StateError('the mapping plane is not a pose and a height')
     start, plane = (Pose(*row) for row in starts.tolist()), (_plane(*row) for row in planes.tolist())
-    return str(part['id']), next(start, None), next(plane, None)
+    origin = (Pose(*row) for row in origins.tolist())
+    return str(part['id']), next(start, None), next(plane, None), next(origin, None)
 
 
 def _plane(x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: float, level_m: float) -> Plane:

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import ParameterError, StateError
 from polymap_ros.jit import kernel
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.packing import whole_number
-from polymap_ros.parameters import GridParameters
 
 _BLOCK = 64
 """Pings summed in float32 before they are moved to the float64 total: the rounding error of a sum stays below

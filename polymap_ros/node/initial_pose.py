@@ -51,8 +51,7 @@ class InitialPose:
         except UsageError as error:
             self._logger.warning(f'initialpose is not taken: {error}')
             return
-        self._logger.info(f'initialpose: looking for the robot within {3.0 * place_m:.2f} m of '
-                          f'({pose.x:.3f}, {pose.y:.3f}) m, {math.degrees(yaw):.0f} deg')
+        self._logger.info(f'initialpose: looking for the robot within {3.0 * place_m:.2f} m of {pose.text}')
 
 
 def _deviation(variance: float, default: float) -> float:

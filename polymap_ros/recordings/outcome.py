@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.diagnostics import SILENCE_S, Figures, InputFigures, Watch, diagnostic_message
 from polymap_ros.messages.latched import LATCHED, Latched
+from polymap_ros.messages.newest_pose import POSE, POSE_TYPE, TF, TF_TYPE, NewestPose
 from polymap_ros.parameters import NODE_NAME
 from polymap_ros.recordings.reading import Message, Recording
 from polymap_ros.recordings.replay import ODOMETRY_TYPE, Replay
@@ -24,6 +25,7 @@ STEP_NS = {'evidence': 5_000_000, 'paper': 300_000}
 worth counting). Counted, so that a record depends on no clock, and takes no longer than what it records."""
 
 OUTPUTS = {f'/{NODE_NAME}/{name}': kind for name, kind in LATCHED.items()}
+POSES = f'/{NODE_NAME}/{POSE}'
 DIAGNOSTICS, DIAGNOSTICS_TYPE = '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray'
 
 
@@ -53,13 +55,20 @@ def write_outcome(
     """
     with RecordingWriter(path, latched=OUTPUTS, compressed=True) as writer:
         replay = Replay(recording, growing, growing.parameters, start_s, end_s)
-        for topic, kind in {replay.odom_topic: ODOMETRY_TYPE, **OUTPUTS, DIAGNOSTICS: DIAGNOSTICS_TYPE}.items():
+        others = {POSES: POSE_TYPE, DIAGNOSTICS: DIAGNOSTICS_TYPE, **({TF: TF_TYPE} if _has_tf(growing) else {})}
+        for topic, kind in {replay.odom_topic: ODOMETRY_TYPE, **OUTPUTS, **others}.items():
             writer.declare(topic, kind)
         timers = _Timers(writer, growing, replay, recording.start_ns + round(SECOND_NS * (start_s or 0.0)))
         replay.before = timers.before
         for _ in replay:
             advance(1)
         timers.end(answer)
+
+
+def _has_tf(mapper: PolygonMapper) -> bool:
+    """Whether a node would broadcast TF."""
+    slam = mapper.parameters.slam
+    return bool(slam.map_frame and slam.publish_tf)
 
 
 class _Timers:
@@ -74,6 +83,9 @@ class _Timers:
         self._solved_pings = 0
         self._start_ns = self._now_ns = self._then_ns = self._free_ns = start_ns
         self._heard_ns = dict.fromkeys(replay.topics, start_ns)
+        self._newest = NewestPose(make, mapper)
+        mapper.placed = self._place
+        self._tf_ns = round(SECOND_NS * mapper.parameters.slam.tf_period_s) if _has_tf(mapper) else 0
 
     def before(self, entry: Message) -> None:
         """Publish what is due before a message comes; odometry is copied."""
@@ -91,13 +103,19 @@ class _Timers:
 
     def _run_until(self, end_ns: int) -> None:
         """Run the timers up to a log time; what they look at has not changed since the last message."""
-        due = [(ns, self._look) for ns in range(
-            self._next(SECOND_NS, self._then_ns), min(end_ns, self._then_ns + IDLE_NS) + 1, SECOND_NS)]
+        due = [*self._ticks(SECOND_NS, self._look, end_ns), *self._ticks(self._tf_ns, self._broadcast, end_ns)]
         solve_ns = self._next(self._period_ns, max(self._then_ns, self._free_ns))
         if solve_ns <= end_ns and self._mapper.counts.used != self._solved_pings:
-            due = sorted([(solve_ns, self._solve), *due], key=lambda each: each[0])
-        for self._now_ns, run in due:
+            due.insert(0, (solve_ns, self._solve))
+        for self._now_ns, run in sorted(due, key=lambda each: each[0]):
             run()
+
+    def _ticks(self, period_ns: int, run: Callable[[], None], end_ns: int) -> list[tuple[int, Callable[[], None]]]:
+        """When a timer runs up to a log time; one without a period does not."""
+        if not period_ns:
+            return []
+        last_ns = min(end_ns, self._then_ns + IDLE_NS)
+        return [(ns, run) for ns in range(self._next(period_ns, self._then_ns), last_ns + 1, period_ns)]
 
     def _next(self, period_ns: int, after_ns: int) -> int:
         """When a timer runs first after a log time [ns]."""
@@ -115,6 +133,22 @@ class _Timers:
     def _show(self) -> None:
         for publish in self._latched.drawn(self._mapper):
             publish()
+        self._update()
+
+    def _place(self, stamp_ns: int) -> None:
+        """A ping has its place, by the message that came last."""
+        self._now_ns = max(self._now_ns, self._then_ns)
+        self._update()
+
+    def _update(self) -> None:
+        message = self._newest.updated()
+        if message is not None:
+            self._writer.write(POSES, message, self._now_ns)
+            self._broadcast()
+
+    def _broadcast(self) -> None:
+        if self._tf_ns and (transforms := self._newest.transforms(self._now_ns)):
+            self._writer.write(TF, make(TF_TYPE, transforms=transforms), self._now_ns)
 
     def _look(self) -> None:
         self._latched.publish_beam_map(self._mapper)

@@ -98,7 +98,7 @@ def beam_map_npz(beam_map: BeamformingMap, start_pose: Pose | None) -> bytes:
     """The content of beam_map.npz.
 
     ``map`` (n_theta, n_r) float32 is eq. (4), over ``theta_rad`` and ``r_m`` in the start frame, whose origin and
-    heading are ``start_pose`` [x, y, yaw] in the odometry's frame; nan where no ping was used.
+    heading are ``start_pose`` [x, y, yaw] in the map frame; nan where no ping was used.
     """
     start = [np.nan] * 3 if start_pose is None else [start_pose.x, start_pose.y, start_pose.yaw]
     return npz({

@@ -10,6 +10,7 @@ from polymap_ros import __version__
 from polymap_ros.cautions import Caution
 from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.plane import XY, Plane
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters, specifications
 from polymap_ros.results.dimensions import dimensions
@@ -22,14 +23,14 @@ _FILE_PARAMETERS = {spec.name for spec in specifications() if spec.is_path}
 
 def polygon_document(
     estimate: Estimate, frame_id: str, counts: PingCounts, parameters: Parameters, cautions: Sequence[Caution] = (),
-    plane: Plane = XY, recording: str | None = None, lost: int | None = None,
+    plane: Plane = XY, recording: str | None = None, lost: int | None = None, map_to_odom: Pose | None = None,
 ) -> dict[str, Any]:
     """The content of polygon.json.
 
     Parameters
     ----------
     estimate : Estimate
-        In the odometry's frame.
+        In the map frame.
     frame_id : str
         Name of that frame.
     counts : PingCounts
@@ -44,6 +45,8 @@ def polygon_document(
         Name of the recording that was replayed; none in the node.
     lost : int, optional
         Pings that fit no place; by default of those whose echoes are kept.
+    map_to_odom : Pose, optional
+        Pose of the odometry's frame in the map frame; by default what corrects it at the last ping.
     """
     closed = estimate.polygon if estimate.status == 'closed' else None
     return {
@@ -59,23 +62,26 @@ def polygon_document(
             'received': int(counts.received), 'used': int(counts.used),
             'dropped': {reason: int(number) for reason, number in sorted(counts.dropped.items())},
         },
-        'trajectory': _trajectory(estimate.trajectory, int(counts.used), lost),
+        'trajectory': _trajectory(estimate.trajectory, int(counts.used), lost, map_to_odom),
         'warnings': [{'code': each.code, 'text': each.text} for each in (*estimate.cautions, *cautions)],
         'parameters': {name: _shown(name, value) for name, value in parameters.flat().items()},
         'software': {'polymap_ros': __version__},
     }
 
 
-def _trajectory(path: Trajectory | None, used: int, lost: int | None) -> dict[str, Any]:
+def _trajectory(
+    path: Trajectory | None, used: int, lost: int | None, map_to_odom: Pose | None
+) -> dict[str, Any]:
     """How many pings have a place, how well the worst fits there, and what corrects the odometry at the last."""
+    off = map_to_odom or (path.map_to_odom if path else Pose(0.0, 0.0))
+    correction = [_number(off.x), _number(off.y), _number(float(wrapped(off.yaw)))]
     if path is None:
-        return {'pings': used, 'localised': used, 'lost': 0, 'consistency_min': None, 'map_to_odom': [0.0, 0.0, 0.0],
+        return {'pings': used, 'localised': used, 'lost': 0, 'consistency_min': None, 'map_to_odom': correction,
                 'corrected': False}
-    lost, off = int(path.lost.sum()) if lost is None else lost, path.map_to_odom
-    placed = path.consistency[~path.lost]
+    lost, placed = int(path.lost.sum()) if lost is None else lost, path.consistency[~path.lost]
     return {'pings': used, 'localised': used - lost, 'lost': lost,
-            'consistency_min': _number(float(placed.min())) if placed.size else None,
-            'map_to_odom': [_number(off.x), _number(off.y), _number(float(wrapped(off.yaw)))], 'corrected': True}
+            'consistency_min': _number(float(placed.min())) if placed.size else None, 'map_to_odom': correction,
+            'corrected': True}
 
 
 def plane_axes(plane: Plane) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def answer(
     mapper : PolygonMapper
         Holds the counts and the state.
     estimate : Estimate
-        In the odometry's frame.
+        In the map frame.
     parameters : Parameters
         Those in force.
     cautions : sequence of Caution
@@ -41,7 +41,7 @@ def answer(
     def polygon() -> bytes:
         return encode(polygon_document(
             estimate, mapper.map_frame, mapper.counts, parameters, cautions, mapper.plane or XY, recording,
-            int(path.lost.sum())))
+            int(path.lost.sum()), mapper.map_to_odom))
 
     return (Entry.of(names.POLYGON, polygon), Entry.of(names.STATE, lambda: state_npz(mapper.state())),
             Entry.of(names.TRAJECTORY, lambda: tum(path.stamps_ns[~path.lost], path.poses[~path.lost])))

@@ -26,7 +26,7 @@ def summary(
     Parameters
     ----------
     estimate : Estimate
-        In the odometry's frame.
+        In the map frame.
     frame_id : str
         Name of that frame.
     counts : PingCounts

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
-from polymap_ros.parameters import GridParameters, MediumParameters, PulseParameters
+from polymap_ros.map_parameters import GridParameters
+from polymap_ros.parameters import MediumParameters, PulseParameters
 from polymap_ros.simulation.scenes import Scene, audible_feet
 from polymap_ros.simulation.trajectories import fitted, random_legs, recorded
 

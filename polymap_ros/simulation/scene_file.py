@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.pulse import RecordedPulse, same_period
 from polymap_ros.errors import ParameterError, SceneError
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.names import suggestion
-from polymap_ros.parameters import GridParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.paths import expanded
 from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse

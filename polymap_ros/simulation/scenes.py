@@ -7,14 +7,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.errors import SceneError
-from polymap_ros.parameters import (
-    EchoParameters,
-    GridParameters,
-    MediumParameters,
-    Parameters,
-    PulseParameters,
-    SensorParameters,
-)
+from polymap_ros.map_parameters import GridParameters
+from polymap_ros.parameters import EchoParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped
 

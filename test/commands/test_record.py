@@ -11,13 +11,14 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.recordings import outcome
 from polymap_ros.recordings.reading import Recording
 from polymap_ros.recordings.writing import RecordingWriter, typestore
 
 README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
-POLYGON, MARKERS, BEAM_MAP, MAP, PATH = (
-    f'/polymap_node/{name}' for name in ('polygon', 'markers', 'beam_map', 'map', 'path'))
+POLYGON, MARKERS, BEAM_MAP, MAP, PATH, POSE = (
+    f'/polymap_node/{name}' for name in ('polygon', 'markers', 'beam_map', 'map', 'path', 'pose'))
 SECOND_NS = 10**9
 DELETE_ALL = 3
 FAST = ('-p', 'solver.method:=paper', '-p', 'solver.iterations:=60')
@@ -88,7 +89,40 @@ def test_it_holds_the_topics_of_the_node_and_the_odometry(record):
     outputs = README.split('\n## Outputs')[1].split('\n## ')[0]
     rows = re.findall(r'^\| `(\S+)` \| `(\S+/msg/\S+)` \|', outputs, re.MULTILINE)
     assert record.types == {'/odom': 'nav_msgs/msg/Odometry', **{
-        name.replace('~', '/polymap_node'): kind for name, kind in rows if name != '~/pose'}}
+        name.replace('~', '/polymap_node'): kind for name, kind in rows}}
+
+
+def test_a_pose_comes_with_every_ping_and_every_solve(record, answer):
+    poses = record.messages[POSE]
+    assert record.times_s(POSE) == sorted(record.times_s(POSE))
+    stamps = {seconds(message.header.stamp) for _, message in poses}
+    assert len(stamps) == answer['pings']['used'] <= len(poses)
+    odometry = {seconds(each.header.stamp): each.pose.pose.position for _, each in record.messages['/odom']}
+    for _, message in poses:
+        if (place := odometry.get(seconds(message.header.stamp))) is not None:
+            np.testing.assert_allclose((message.pose.pose.position.x, message.pose.pose.position.y), (place.x, place.y),
+                                       atol=1e-9)
+
+
+def seconds(stamp):
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def test_with_a_map_frame_tf_leads_from_the_odometry_to_the_pose(triangle, tmp_path):
+    record, _ = recorded(triangle, tmp_path / 'out', *FAST, '-p', 'slam.map_frame:=map', '-p',
+                         'slam.map_origin:=first_ping', '-p', 'slam.tf_period_s:=0.5', '-p', 'slam.tf_tolerance_s:=0.2')
+    assert record.types['/tf'] == 'tf2_msgs/msg/TFMessage'
+    poses, transforms = record.messages[POSE], record.messages['/tf']
+    assert len(transforms) > len(poses) > 20
+    assert {message.header.frame_id for _, message in poses} == {'map'}
+    odometry = {seconds(each.header.stamp): each.pose.pose for _, each in record.messages['/odom']}
+    newest = [(message, odometry.get(seconds(message.header.stamp))) for _, message in poses]
+    message, reported = next(pair for pair in reversed(newest) if pair[1] is not None)
+    [each] = transforms[-1][1].transforms
+    assert (each.header.frame_id, each.child_frame_id) == ('map', 'odom')
+    off, turn = each.transform.translation, 2.0 * np.arctan2(each.transform.rotation.z, each.transform.rotation.w)
+    there = Pose(off.x, off.y, turn).apply(np.array((reported.position.x, reported.position.y)))
+    np.testing.assert_allclose(there, (message.pose.pose.position.x, message.pose.pose.position.y), atol=1e-9)
 
 
 def test_the_map_grows_until_it_is_the_answer(record, answer):
@@ -177,7 +211,7 @@ def test_where_nothing_closes_the_record_says_why(triangle, tmp_path):
     record, answer = recorded(triangle, tmp_path / 'out', '--end', '1.2', status=1)
     assert answer['status'] == 'open'
     assert {topic: len(messages) for topic, messages in record.messages.items()} == {
-        '/odom': 10, POLYGON: 0, MAP: 0, MARKERS: 2, BEAM_MAP: 2, PATH: 2, '/diagnostics': 2}
+        '/odom': 10, POLYGON: 0, MAP: 0, MARKERS: 2, BEAM_MAP: 2, PATH: 2, POSE: 4, '/diagnostics': 2}
     assert [level for level, _, _ in record.diagnostics()] == [1, 1]
     assert answer['warnings'][0]['text'] in record.diagnostics()[-1][1]
 

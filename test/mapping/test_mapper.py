@@ -2,6 +2,7 @@
 
 import dataclasses
 import io
+import itertools
 
 import numpy as np
 import pytest
@@ -11,11 +12,13 @@ from polymap_ros.errors import StateError
 from polymap_ros.geometry.lines import iou
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.poses import in_frame
+from polymap_ros.hearing.odometry_error import OdometryError
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.warm_up import warm_up
-from polymap_ros.parameters import Parameters
+from polymap_ros.parameters import Parameters, SensorParameters
 from polymap_ros.simulation.trajectories import legs
-from polymap_ros.simulation.waveforms import simulate
+from polymap_ros.simulation.waveforms import pings, simulate
 from polymap_ros.solvers.checkpoint import Stopped
 
 S = 1_000_000_000
@@ -45,6 +48,74 @@ def everything(mapper):
         dataclasses.astuple(mapper.counts), mapper.parameters.flat(),
         [(each.stamp_ns, each.x, each.y, each.rho if each.rho == each.rho else None, each.echo.tobytes(),
           each.envelope.tobytes()) for each in mapper.soundings])
+
+
+def driven(scene, reported, values):
+    """A mapper that has taken a scene's pings with other poses than the true ones."""
+    mapper = PolygonMapper(scene.parameters(Parameters()).replaced(values))
+    for ping, pose in zip(pings(scene), reported, strict=True):
+        mapper.add_pose(ping.emission_ns, Pose(*pose))
+        mapper.add_ping(ping)
+    mapper.finish()
+    return mapper
+
+
+@pytest.mark.parametrize(('error', 'told'), [
+    (OdometryError(1.03), {'odometry.scale': 1.03}),
+    (OdometryError(1.0, 3.0), {'odometry.yaw_drift_deg_m': 3.0}),
+])
+def test_what_is_known_of_the_odometry_is_taken_out_of_places_and_path(quadrilateral, error, told):
+    scene, _ = quadrilateral
+    scene = dataclasses.replace(scene, poses=scene.poses[::2], sensor=SensorParameters(x_m=0.03, y_m=-0.02))
+    reported = _reported(scene.poses, error)
+    wrong = driven(scene, reported, {'slam.mode': 'off'}).solve()
+    assert wrong.cautions or wrong.polygon is None
+    mapper = driven(scene, reported, {'slam.mode': 'off', **told})
+    estimate = mapper.solve()
+    assert (estimate.status, estimate.cautions) == ('closed', ())
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+    np.testing.assert_allclose(mapper.path().poses[:, :2], scene.poses[:, :2], atol=1e-9)
+
+
+def _reported(poses, error):
+    """What an odometry with a steady error reports, pose by pose."""
+    reported, turned = [poses[0]], 0.0
+    for before, after in itertools.pairwise(poses):
+        step = after[:2] - before[:2]
+        more = np.deg2rad(error.yaw_drift_deg_m) * np.hypot(*step)
+        turn = turned + 0.5 * more
+        c, s = np.cos(turn), np.sin(turn)
+        turned += more
+        place = reported[-1][:2] + error.scale * np.array([[c, -s], [s, c]]) @ step
+        reported.append(np.array((*place, after[2] + turned)))
+    return np.array(reported)
+
+
+def test_a_map_frame_that_begins_at_the_first_ping_keeps_coordinates_small(quadrilateral):
+    scene, _ = quadrilateral
+    utm = Pose(448_262.5, 5_411_932.0, 0.7)
+    reported = in_frame(scene.poses[::2], utm)
+    scene = dataclasses.replace(scene, poses=scene.poses[::2])
+    near = driven(scene, reported, {'slam.map_frame': 'map', 'slam.map_origin': 'first_ping'})
+    again = PolygonMapper.from_state(near.parameters, near.state())
+    for mapper in (near, again):
+        vertices = mapper.solve().polygon.vertices
+        first = Pose(*scene.poses[0])
+        np.testing.assert_allclose(first.apply(vertices), driven(scene, scene.poses, {}).solve().polygon.vertices,
+                                   atol=1e-5)
+        there = mapper.map_to_odom.inverse()
+        np.testing.assert_allclose((there.x, there.y, there.yaw), reported[0], atol=1e-6)
+        np.testing.assert_allclose(mapper.path().poses[0], 0.0, atol=1e-9)
+    with pytest.raises(StateError, match=r'slam\.map_origin .first_ping., now it is .odom.'):
+        PolygonMapper.from_state(near.parameters.replaced({'slam.map_origin': 'odom'}), near.state())
+
+
+def test_what_an_earlier_version_did_not_know_counts_as_its_default(heard):
+    state = heard.state()
+    rows = state['parameters']
+    state['parameters'] = rows[rows[:, 0] != 'slam.map_origin']
+    del state['frame.origin']
+    assert PolygonMapper.from_state(heard.parameters, state).origin == Pose(0.0, 0.0)
 
 
 def test_a_plate_is_found_in_the_odometrys_frame(heard, quadrilateral):

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.hearing.pose_track import PoseTrack
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.maps.beamforming import BeamformingMap
 from polymap_ros.maps.free_area import FreeArea
-from polymap_ros.parameters import GridParameters, OdometryParameters, Parameters
+from polymap_ros.parameters import OdometryParameters, Parameters
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import pings
 

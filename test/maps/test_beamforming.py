@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from polymap_ros.errors import ParameterError, StateError
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.maps.beamforming import BeamformingMap
-from polymap_ros.parameters import GridParameters
 
 GRIDS = {
     'plate': GridParameters(),

@@ -16,7 +16,7 @@ from polymap_ros.evaluation.slam_experiment import CASES
 from polymap_ros.geometry.alignment import alignment, path_error
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
-from polymap_ros.messages.outputs import echo_message, odometry_message
+from polymap_ros.messages.outputs import echo_message, odometry_message, transform_message
 from polymap_ros.node.factory import make, message_class
 from polymap_ros.simulation.waveforms import simulate
 
@@ -115,9 +115,10 @@ def test_without_tf2_msgs_it_says_so_and_goes_on(start, monkeypatch, tmp_path):
 
 
 @pytest.mark.usefixtures('tf2_msgs')
-def test_tf_leads_from_the_odometry_to_the_pose(start, peer, samples):
+@pytest.mark.parametrize('told', ['slam.publish_tf:=true', 'odometry.scale:=1.01', 'slam.map_origin:=first_ping'])
+def test_tf_leads_from_the_odometry_as_published_to_the_pose(start, peer, samples, told):
     transforms = peer.listen('/tf', 'tf2_msgs/msg/TFMessage', QoSProfile(depth=100))
-    drive, _, _, newest, _ = driven(start, peer, samples, '-p', 'slam.map_frame:=map')
+    drive, _, _, newest, _ = driven(start, peer, samples, '-p', 'slam.map_frame:=map', '-p', told)
     count = len(transforms)
     peer.spin_until(lambda: len(transforms) > count, 'TF goes on without pings')
     each = transforms[-1].transforms[0]
@@ -126,6 +127,26 @@ def test_tf_leads_from_the_odometry_to_the_pose(start, peer, samples):
     found = Pose(off.x, off.y, 2.0 * float(np.arctan2(turn.z, turn.w))).compose(Pose(*drive.reported[-1]))
     here = of(newest[-1].pose.pose)
     np.testing.assert_allclose((found.x, found.y, np.sin(found.yaw)), (here.x, here.y, np.sin(here.yaw)), atol=1e-6)
+
+
+@pytest.mark.usefixtures('tf2_msgs')
+def test_a_second_source_of_tf_is_told_and_no_first_one(start, peer, samples):
+    process = start('--ros-args', *RELIABLE, '-p', 'slam.map_frame:=map')
+    transforms = peer.listen('/tf', 'tf2_msgs/msg/TFMessage', QoSProfile(depth=100))
+    others = peer.publisher('/tf', 'tf2_msgs/msg/TFMessage')
+    values, drive = peer.diagnostics(), Drive(peer)
+    drive.publish(samples, 0, FIRST)
+    peer.until_used(values, FIRST)
+    count = len(transforms)
+    peer.spin_until(lambda: len(transforms) > count + 5, 'TF goes on')
+    for frames in (('odom', 'base_link'), ('world', 'odom')):
+        other = transform_message(make, SECOND_NS, *frames, Pose(0.1, 0.2, 0.3))
+        others.publish(make('tf2_msgs/msg/TFMessage', transforms=[other]))
+    process.wait_for_line('somebody else')
+    process.stop()
+    told = [line for line in process.lines if 'somebody else' in line]
+    assert len(told) == 1
+    assert "TF from 'world' to 'odom'" in told[0]
 
 
 @pytest.mark.usefixtures('tf2_msgs')

@@ -9,9 +9,10 @@ import pytest
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import StateError
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.maps.beamforming import BeamformingMap
-from polymap_ros.parameters import GridParameters, Parameters
+from polymap_ros.parameters import Parameters
 from polymap_ros.results.arrays import beam_map_npz, npz, read_state, state_npz
 
 STATE = {
@@ -116,7 +117,7 @@ def test_a_flipped_bit_is_noticed_or_harmless(small, tmp_path):
         assert found.keys() == state.keys()
         for name, array in state.items():
             np.testing.assert_array_equal(found[name], array)
-    assert refused > 300
+    assert refused > 200, 'most of what is flipped is content'
 
 
 @pytest.mark.parametrize('share', [0.0, 0.1, 0.5, 0.9, 0.999])

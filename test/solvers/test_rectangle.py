@@ -7,8 +7,8 @@ import pytest
 import shapely
 
 from polymap_ros.geometry.overlap import Region
+from polymap_ros.map_parameters import GridParameters
 from polymap_ros.maps.beamforming import BeamformingMap
-from polymap_ros.parameters import GridParameters
 from polymap_ros.solvers.rectangle import RectangleSolver, best_rectangle
 from polymap_ros.solvers.snapshot import Snapshot
 from polymap_ros.solvers.solver import Evidence
