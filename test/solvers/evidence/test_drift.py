@@ -1,6 +1,8 @@
 """Odometry that drifts: walls and poses against the simulated truth, as a user meets them."""
 
 import dataclasses
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -167,6 +169,35 @@ def test_pings_that_come_later_join_without_another_search(monkeypatch):
         estimate = mapper.solve()
         assert not np.any(estimate.trajectory.lost)
     assert slam_trial('typical', scene, estimate, 0.0, 0.003).path.worst_m < 1e-3
+
+
+def test_a_refit_is_joined_under_the_pings_that_came_while_it_took_its_time():
+    """Its first checkpoint waits until eight more pings are used, four seconds of the drive."""
+    scene = CASES['typical'].make(4, 5)
+    some = messages(scene)
+    mapper, fed_more = fed(scene, some[:40]), threading.Event()
+    mapper.solve()
+    twin = mapper.twin()
+    with ThreadPoolExecutor(1) as thread:
+        refit = thread.submit(twin.solve, lambda: fed_more.wait(30.0))
+        for message in some[40:48]:
+            feed(mapper, scene, message)
+        fed_more.set()
+        refit.result()
+    mapper.adopt(twin)
+    path = mapper.path()
+    assert (len(path.stamps_ns), mapper.counts.used) == (48, 48)
+    assert not np.any(path.lost)
+    motion = alignment(path.poses[:40, :2], scene.poses[:40, :2])
+    assert path_error(path.poses[:40], scene.poses[:40], motion).worst_m < 1e-3
+    # From the last ping of the refit on it follows the odometry, and drifts a little.
+    assert path_error(path.poses[40:], scene.poses[40:48], motion).worst_m < 0.05
+    stamp_ns, newest = mapper.newest()
+    assert stamp_ns == path.stamps_ns[-1]
+    np.testing.assert_allclose((newest.x, newest.y), path.poses[-1, :2], atol=1e-9)
+    last = mapper.solve()
+    assert len(last.trajectory.poses) == 48
+    np.testing.assert_allclose(last.polygon.vertices, fed(scene, some[:48]).solve().polygon.vertices, atol=2e-4)
 
 
 def test_what_no_walls_explain_is_open_and_ends():
