@@ -1,10 +1,11 @@
-"""Would a wrong sign be noticed? python test/mutation.py [--number N] [--seed S] [--jobs N] [--files FILE...]
+"""Would a wrong sign be noticed? python test/mutation.py [--number N] [--seed S] [--jobs N] [--rooms ROOM...]
 
 First runs the tests of the method's rooms on a copy, with numba's compilation off (what is compiled cannot be
 traced) and on (what is not, takes hours), notes which of them execute which line, and prints the branch coverage. Then
-changes one token of the solver's sources at a time and runs the tests that execute it, the quickest first, with
+changes one token of these rooms' sources at a time and runs the tests that execute it, the quickest first, with
 compilation off where the file has kernels; a mutant that none of them notices is told. The mutants are a sample of all
-changes, drawn with a seed. Ends with 0 where at least 85 % of them die. Needs the extra ``mutation``.
+changes, drawn with a seed. Ends with 0 where at least 85 % of them die. With ``--rooms``, only these are changed and
+only their tests run: quicker, but what only another room notices counts as unnoticed. Needs the extra ``mutation``.
 """
 
 import argparse
@@ -22,17 +23,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 TOP = Path(__file__).parents[1]
-SOURCES = [
-    'acoustics/matched_filter.py', 'maps/beamforming.py', 'geometry/outline.py', 'geometry/paths.py',
-    'solvers/straightness.py', 'solvers/paper/annealing.py', 'solvers/paper/solver.py',
-    *(f'solvers/evidence/{name}.py' for name in (
-        'data', 'walls', 'likelihood', 'power', 'waveform', 'wave_sums', 'climb', 'proposals', 'subset', 'ground',
-        'search', 'positions', 'mirror', 'cut_off', 'first_walls', 'certainty', 'solver')),
-    *(f'solvers/evidence/moves/{name}.py' for name in (
-        'start', 'exchange', 'slip', 'wall_drop', 'residual', 'corner_cut', 'scan')),
-]
 ROOMS = 'geometry', 'acoustics', 'hearing', 'maps', 'solvers', 'mapping', 'calibration'
-TESTS = tuple(f'test/{room}' for room in ROOMS)
+SOURCES = [str(path.relative_to(TOP / 'polymap_ros')) for room in ROOMS
+           for path in sorted((TOP / 'polymap_ros' / room).rglob('*.py')) if path.name != '__init__.py']
 SWAPPED = {
     ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.FloorDiv: ast.Mult,
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
@@ -103,13 +96,13 @@ class Covering:
         self.seconds = [_passed(folder.glob(f'{int(compiled)}-*.jsonl')) for compiled in (False, True)]
         self._data = CoverageData(str(folder / '.coverage'))
         self._data.read()
-        self._files = {name: next(file for file in self._data.measured_files() if file.endswith(f'polymap_ros/{name}'))
-                       for name in SOURCES}
+        self._files = {name: file for file in self._data.measured_files()
+                       for name in SOURCES if file.endswith(f'polymap_ros/{name}')}
         print(f'tests that pass in time: {len(self.seconds[0])}, compiled {len(self.seconds[1])}', flush=True)
 
     def tests(self, name, node, tree, compiled):
         """Those that execute a node, the quickest first; of a constant, those that execute a line with its name."""
-        by_line = self._data.contexts_by_lineno(self._files[name])
+        by_line = self._data.contexts_by_lineno(self._files[name]) if name in self._files else {}
         lines = {node.lineno}
         for statement in tree.body:
             if isinstance(statement, ast.Assign) and statement.lineno <= node.lineno <= statement.end_lineno:
@@ -135,17 +128,17 @@ def _passed(reports):
     return {test: seconds[test] for test in seconds.keys() - failed}
 
 
-def covering(folder, limit_s, jobs):
-    """Run all tests with compilation off and on, each file of them in a process of its own."""
+def covering(folder, rooms, limit_s, jobs):
+    """Run all tests of the rooms with compilation off and on, each file of them in a process of its own."""
     copy = copy_to(folder / 'covered')
-    options = *(f'--cov=polymap_ros.{room}' for room in ROOMS), '--cov-branch', '--cov-context=test'
+    options = *(f'--cov=polymap_ros.{room}' for room in rooms), '--cov-branch', '--cov-context=test'
 
     def run(file, compiled):
-        name = f'{int(compiled)}-{file.stem}'
+        name = f'{int(compiled)}-{"-".join(file.relative_to(copy).with_suffix("").parts)}'
         run_pytest(copy, [str(file.relative_to(copy)), *options, '--cov-report='], compiled, limit_s,
                    COVERAGE_FILE=str(copy / f'.coverage.{name}'), MUTATION_REPORTS=str(copy / f'{name}.jsonl'))
 
-    files = sorted(file for tests in TESTS for file in (copy / tests).rglob('test_*.py'))
+    files = sorted(file for room in rooms for file in (copy / 'test' / room).rglob('test_*.py'))
     with ThreadPoolExecutor(jobs) as pool:
         list(pool.map(run, files * 2, [True] * len(files) + [False] * len(files)))
     for command in ('combine', 'report'):
@@ -173,14 +166,17 @@ def main():
     parser.add_argument('--limit', type=float, default=60.0, help='tests that take longer [s] are left out')
     parser.add_argument('--budget', type=float, default=120.0, help='tests that take so long [s] together are tried')
     parser.add_argument('--covered', type=Path, help='the folder of an earlier first run')
-    parser.add_argument('--files', nargs='*', default=SOURCES, choices=SOURCES)
+    parser.add_argument('--rooms', nargs='+', default=ROOMS, choices=ROOMS, help='default: all of the method')
+    parser.add_argument('--files', nargs='+', default=SOURCES, choices=SOURCES, metavar='FILE',
+                        help='sources that are changed, such as geometry/lines.py')
     arguments = parser.parse_args()
-    texts = {name: (TOP / 'polymap_ros' / name).read_text(encoding='utf-8') for name in arguments.files}
+    texts = {name: (TOP / 'polymap_ros' / name).read_text(encoding='utf-8') for name in arguments.files
+             if name.partition('/')[0] in arguments.rooms}
     sample = [(name, k) for name, text in texts.items() for k in range(len(places(ast.parse(text))))]
     random.Random(arguments.seed).shuffle(sample)
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
-        covered = Covering(arguments.covered or covering(folder, arguments.limit, arguments.jobs))
+        covered = Covering(arguments.covered or covering(folder, arguments.rooms, arguments.limit, arguments.jobs))
         copies = queue.SimpleQueue()
         for number in range(arguments.jobs):
             copies.put(copy_to(folder / str(number)))

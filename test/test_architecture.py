@@ -1,6 +1,8 @@
 """The rules of the house, from the imports and the syntax trees: who may know whom, and who may touch what."""
 
 import ast
+import graphlib
+import re
 import subprocess
 import sys
 from functools import cache
@@ -92,6 +94,13 @@ def test_every_folder_is_a_room_with_rules():
     assert {path.parent.name for path in PACKAGE.glob('*/__init__.py')} == {*KNOWS, 'commands'}
 
 
+def test_the_table_of_rooms_for_contributors_is_this_one():
+    text = (Path(__file__).parents[1] / 'CONTRIBUTING.md').read_text(encoding='utf-8')
+    rows = re.findall(r'^\| `(\w+)` \| .+ \| (.+) \|$', text, re.MULTILINE)
+    assert dict(rows) == {name: ', '.join(sorted(known & KNOWS.keys())) or 'none' for name, known in KNOWS.items()} | {
+        'commands': 'all'}
+
+
 def test_a_room_knows_only_those_below_it():
     everything = {*KNOWS, 'library', 'parameter_file', 'pulse_file'}  # the door of the package
     knows = KNOWS | {'pulse_file': {'acoustics'}, 'library': {*_MAPPING, 'pulse_file'}, '__init__': everything}
@@ -109,6 +118,15 @@ def test_the_rules_have_no_cycle_and_keep_recordings_and_node_apart():
     assert {'acoustics', 'mapping'} <= known('recordings') & known('node')
     assert 'node' not in known('recordings')
     assert 'recordings' not in known('node')
+
+
+def test_no_module_leads_back_to_itself_by_its_imports():
+    """Those inside functions, and for types alone, included."""
+    modules = {'.'.join(path.relative_to(PACKAGE.parent).with_suffix('').parts): path for path in FILES}
+    graph = {name: {each if each in modules else each.rpartition('.')[0] for each in imports(path)} & modules.keys()
+             for name, path in modules.items()}
+    assert graph['polymap_ros.mapping.mapper']
+    graphlib.TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
 
 
 def test_the_rooms_of_the_method_are_pure():

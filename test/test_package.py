@@ -21,10 +21,13 @@ MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 DISTRIBUTION = importlib.metadata.distribution('polymap_ros')
 
 COMMANDS = ('polymap_node', 'polymap_replay', 'polymap_play', 'polymap_simulate', 'polymap_evaluate')
-FROM_PIP = {'mcap', 'rosbags', 'lz4', 'zstandard', 'distributed'}
-"""Imported where a recording is read, or a cluster is at work; no system package brings them."""
+FROM_PIP = {'mcap', 'rosbags', 'lz4', 'zstandard'}
+"""Imported where a recording is read; no system package brings them."""
 
-BROUGHT_BY = {'PIL': 'python3-matplotlib', 'yaml': 'python3-yaml', 'tf2_ros': 'tf2_ros_py'}
+OPTIONAL = {'matplotlib', 'PIL', 'ezdxf', 'jinja2', 'distributed'}
+"""Imported where a picture, a DXF, a page or a cluster is asked for."""
+
+BROUGHT_BY = {'yaml': 'python3-yaml', 'tf2_ros': 'tf2_ros_py'}
 
 
 def imported():
@@ -50,11 +53,23 @@ def test_one_version():
 
 def test_manifest_declares_what_is_imported_and_no_more():
     ros = {name for name in imported() if name.endswith(('_msgs', '_srvs', '_interfaces')) or name == 'rclpy'}
-    keys = {BROUGHT_BY.get(name, f'python3-{name}') for name in imported() - ros - FROM_PIP - {'ament_index_python'}}
+    others = imported() - ros - FROM_PIP - OPTIONAL - {'ament_index_python'}
+    keys = {BROUGHT_BY.get(name, f'python3-{name}') for name in others}
     declared = {entry.text for entry in MANIFEST.findall('exec_depend')}
     assert ros | keys <= declared
     # std_msgs' Header and builtin_interfaces' Time come within the other messages.
     assert declared - ros - keys <= {'builtin_interfaces', 'std_msgs'}
+
+
+def test_the_tools_of_catkin_read_manifest_and_changelog():
+    manifest = pytest.importorskip('catkin_pkg.package').parse_package(str(TOP / 'package.xml'), warnings=(told := []))
+    manifest.validate(warnings=told)
+    assert told == []
+    changelog = pytest.importorskip('catkin_pkg.changelog').get_changelog_from_path(str(TOP), manifest.name)
+    released = [version for version, _, items in changelog.foreach_version(reverse=True) if items]
+    assert released[0] == manifest.version
+    headings = re.findall(r'^(\S+).*\n-+$', (TOP / 'CHANGELOG.rst').read_text(encoding='utf-8'), re.MULTILINE)
+    assert [heading for heading in headings if heading != 'Forthcoming'] == released
 
 
 def test_manifest_is_a_valid_ament_python_package():

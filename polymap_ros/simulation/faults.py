@@ -1,7 +1,6 @@
 """What a real device and its odometry do wrong, as options of a scene. Everything is off by default."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +8,12 @@ from numpy.typing import NDArray
 from polymap_ros.simulation.odometry import LEVELS
 from polymap_ros.specification import Group, parameter
 
-if TYPE_CHECKING:
-    from polymap_ros.simulation.scenes import Scene
-
 SPEED_OF_S0_M_S = 5264.0
 """Group speed of S0 at 100 kHz in 6 mm of aluminium."""
 
-_FIRST_STREAM, _RINGING_STREAM = 5, 7
+FIRST_STREAM, RINGING_STREAM = 5, 7
+"""Streams of a scene's random numbers that draw first echoes' faults, and the ringing."""
+
 _RINGS = 12
 """Arrivals that make up the ringing after the direct wave."""
 _NEAREST_M = 5e-4
@@ -57,13 +55,13 @@ class Faults(Group):
 
 
 def first_echo_faults(
-    scene: 'Scene', paths: list[tuple[NDArray[np.float64], NDArray[np.float64]]], spreading: float
+    faults: Faults, generator: np.random.Generator, paths: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
+    spreading: float,
 ) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
     """Lengths and amplitudes of every ping's paths, nearest first, with first echoes taken away or false ones added."""
-    faults = scene.faults
     if not (faults.missing_first or faults.false_first):
         return paths
-    draws = scene.generator(_FIRST_STREAM).uniform(size=(len(paths), 3))
+    draws = generator.uniform(size=(len(paths), 3))
     changed = []
     for (length, amplitude), (missing, false, place) in zip(paths, draws, strict=True):
         first, loudness = length[:1], amplitude[:1]
@@ -77,22 +75,28 @@ def first_echo_faults(
     return changed
 
 
-def ringing(scene: 'Scene', pulse_m: float, spreading: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ringing(
+    faults: Faults, generator: np.random.Generator, baseline_m: float, pulse_m: float, spreading: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Path lengths and amplitudes of the direct wave, from emitter to receiver, and its ringing.
 
     It is over before `direct_wave_m`.
 
     Parameters
     ----------
-    scene : Scene
-        Its seed draws the arrivals.
+    faults : Faults
+        How long it lasts.
+    generator : numpy.random.Generator
+        Draws the arrivals.
+    baseline_m : float
+        From emitter to receiver [m].
     pulse_m : float
         Range that the pulse takes up [m].
     spreading : float
         Exponent of the amplitude's decay, which the amplitudes make up for.
     """
-    generator, first_m = scene.generator(_RINGING_STREAM), max(0.5 * scene.sensor.baseline_m, _NEAREST_M)
-    end_m = max(scene.faults.direct_wave_m - pulse_m, 0.1 * scene.faults.direct_wave_m)
+    first_m = max(0.5 * baseline_m, _NEAREST_M)
+    end_m = max(faults.direct_wave_m - pulse_m, 0.1 * faults.direct_wave_m)
     range_m = np.append(first_m, first_m + (end_m - first_m) * np.sort(generator.uniform(0.2, 1.0, _RINGS)))
     sign = np.append(1.0, generator.choice((-1.0, 1.0), _RINGS))
     amplitude = sign * np.exp(-_DECAY * range_m / end_m)

@@ -12,7 +12,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.jit import kernel
-from polymap_ros.simulation.faults import first_echo_faults, ringing
+from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
 
@@ -53,7 +53,7 @@ def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
     """
     paths = [heard(position) for position in scene.positions] if heard else _heard(scene)
     medium = make_medium(scene.medium)
-    paths = first_echo_faults(scene, paths, medium.spreading)
+    paths = first_echo_faults(scene.faults, scene.generator(FIRST_STREAM), paths, medium.spreading)
     clean = _synthesised(scene, medium, paths)
     if scene.faults.second_mode:
         other = _synthesised(scene, ConstantSpeed(scene.faults.second_mode_speed_m_s, medium.spreading), paths)
@@ -88,7 +88,8 @@ def _clutter(scene: Scene, clean: NDArray[np.float64]) -> NDArray[np.float64]:
     pulse_m = 0.5 * pulse_s * float(group_speed(medium, scene.pulse.frequency_hz))
     loud = np.median(np.abs(clean).max(axis=1))
     fixed = np.array([2.0 * faults.clutter_m]), np.ones(1)
-    for factor, paths in ((faults.direct_wave, ringing(scene, pulse_m, medium.spreading)), (faults.clutter, fixed)):
+    rings = ringing(faults, scene.generator(RINGING_STREAM), scene.sensor.baseline_m, pulse_m, medium.spreading)
+    for factor, paths in ((faults.direct_wave, rings), (faults.clutter, fixed)):
         wave = _synthesised(scene, medium, [paths])[0]
         total += factor * loud * wave / max(np.abs(wave).max(), np.finfo(float).tiny)
     return total

@@ -92,4 +92,5 @@ def test_iou_of_known_shapes():
     assert iou(one, np.add(one, (0.5, 0.0))) == pytest.approx(1.0 / 3.0)
     assert iou(one, np.add(one, (2.0, 0.0))) == 0.0
     assert iou(one, one[::-1]) == pytest.approx(1.0)
+    assert iou(one, one[:3]) == iou(one[:3], one) == pytest.approx(0.5)
     assert iou(one, []) == iou(np.empty((0, 2)), one) == 0.0

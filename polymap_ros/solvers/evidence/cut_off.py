@@ -13,7 +13,7 @@ from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER, PRICE, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 
-_SHARES = (0.15, 0.3, 0.6)
+CUT_SHARES = (0.15, 0.3, 0.6)
 """Shares of the shorter edge that a silent wall is tried to take away at a corner: what is cut off need not fit."""
 
 _LEAST_CUT, _LEAST_SHARE, _LARGER = 2.5, 0.03, 2.0
@@ -28,7 +28,7 @@ def is_cut_off(search: Search, found: Found) -> bool:
     """
     prices = (SEARCH_ORDER, -1.0), (FULL_ORDER, PRICE)
     least = [_value(search, found, found.walls, order) + price for order, price in prices]
-    for walls in _cuts(search, found):
+    for walls in silent_cuts(search, found):
         search.checkpoint()
         if all(_value(search, found, walls, order) > value
                for (order, _), value in zip(prices, least, strict=True)):
@@ -70,14 +70,14 @@ def _value(search: Search, found: Found, walls: Walls, order: int) -> float:
     return -np.inf if wave is None else wave.value
 
 
-def _cuts(search: Search, found: Found) -> Iterator[Walls]:
+def silent_cuts(search: Search, found: Found) -> Iterator[Walls]:
     """The walls with a silent one across a corner, beyond all pings."""
     lines = found.lines
     _, corners = corners_of(lines)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     turn = np.mod(lines[:, 1] - np.roll(lines[:, 1], 1), 2.0 * np.pi)
     depth = np.minimum(lengths, np.roll(lengths, 1)) * np.sin(0.5 * turn)  # that takes all of the shorter edge away
-    for share in _SHARES:
+    for share in CUT_SHARES:
         for r, theta in across_corners(lines[:, 1], corners, 0.5, share * depth):
             if _is_beyond(search, (r, theta)):
                 yield found.walls.with_line(np.array((r, theta)), 0.0)

@@ -258,7 +258,7 @@ def _fill_amplitudes(
 
 
 @kernel
-def _cells_near(half: float, reach: float, cell: float, first: int, end: int) -> tuple[int, int]:
+def cells_near(half: float, reach: float, cell: float, first: int, end: int) -> tuple[int, int]:
     """The cells, from the first to before the second, within `reach` of an echo at range `half`."""
     low, high = int(np.ceil((half - reach) / cell)), int((half + reach) / cell)
     return max(low, first), min(high + 1, end)
@@ -269,7 +269,7 @@ def _add_echo(
     row: NDArray[np.float64], half: float, amplitude: float, shape: NDArray[np.float64], shape_step: float, cell: float
 ) -> None:
     """Power of an echo at range `half`, cell by cell."""
-    low, high = _cells_near(half, (len(shape) - 1) * shape_step, cell, 0, len(row))
+    low, high = cells_near(half, (len(shape) - 1) * shape_step, cell, 0, len(row))
     for j in range(low, high):
         x = abs(j * cell - half) / shape_step
         k = int(x)
@@ -286,7 +286,7 @@ def _add_derivatives(
     shape, half = heard.shape, paths.half[m]
     slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
     reach = (len(shape) - 1) * heard.shape_step
-    low, high = _cells_near(half, reach, heard.cell, heard.first, len(row))
+    low, high = cells_near(half, reach, heard.cell, heard.first, len(row))
     for j in range(low, high):
         x = (j * heard.cell - half) / heard.shape_step
         k = int(abs(x))

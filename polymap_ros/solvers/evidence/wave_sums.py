@@ -25,7 +25,7 @@ class Sums(NamedTuple):
 
 
 @kernel
-def _cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
+def cubic(y: NDArray[np.complexfloating], x: float) -> tuple[complex, complex]:
     """Value and derivative of the four-point Lagrange interpolant at index x."""
     j = int(x)
     f = x - j
@@ -117,7 +117,7 @@ def _add_ping(
         m = nearest[q]
         if b[m] == 0.0:
             continue
-        value, rate = _cubic(heard.signal[i], half[m] / step)
+        value, rate = cubic(heard.signal[i], half[m] / step)
         u += value * turn[m]
         v += b[m] * b[m]
         if derive:
@@ -129,13 +129,13 @@ def _add_ping(
             lag = half[m] - half[other]
             if lag > reach:
                 break
-            psi, psi_rate = _cubic(heard.baseband, lag / step + 2.0)
+            psi, psi_rate = cubic(heard.baseband, lag / step + 2.0)
             wave = turn[m] * turn[other].conjugate()
             both = (psi * wave).real
             v += 2.0 * both
             if derive:
                 slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
-                bend = -(_cubic(heard.curvature, lag / step + 2.0)[0] * wave).real
+                bend = -(cubic(heard.curvature, lag / step + 2.0)[0] * wave).real
                 room.near[m, 0] += slope
                 room.near[m, 1] += both
                 room.near[other, 0] -= slope
@@ -226,6 +226,6 @@ def predict(
             turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]))
             for j in range(low, min(high, out.shape[1] - 1) + 1):
                 lag = j * cell - half[m]
-                psi, _ = _cubic(heard.baseband, abs(lag) / heard.step + 2.0)
+                psi, _ = cubic(heard.baseband, abs(lag) / heard.step + 2.0)
                 out[i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
                 turned *= on

@@ -6,7 +6,7 @@ import shapely
 
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import half_plane_polygon
-from polymap_ros.solvers.evidence.cut_off import _SHARES, _cuts, is_cut_off, unheard_corners
+from polymap_ros.solvers.evidence.cut_off import CUT_SHARES, is_cut_off, silent_cuts, unheard_corners
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.walls import Walls
 
@@ -24,9 +24,9 @@ def test_cuts_take_shares_of_the_shorter_edge_away_on_both_sides(hear, pentagon,
     inner = [np.pi - np.mod(turn, 2.0 * np.pi) for turn in np.diff(np.roll(polygon_lines(corners)[:, 1], 1), append=(
         polygon_lines(corners)[-1, 1]))]
     expected = sorted(0.5 * (share * min(lengths[k], lengths[k - 1])) ** 2 * np.sin(inner[k])
-                      for k in range(5) for share in _SHARES)
+                      for k in range(5) for share in CUT_SHARES)
     whole, areas = shapely.Polygon(corners), []
-    for walls in _cuts(search, found):
+    for walls in silent_cuts(search, found):
         assert walls.silent.sum() == 1
         assert np.all(np.diff(walls.lines[:, 1]) > 0.0)
         cut = shapely.Polygon(half_plane_polygon(walls.lines)[0])

@@ -19,8 +19,10 @@ from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.simulation.waveforms import simulate
 from polymap_ros.solvers.evidence import drift
+from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.search import Search
-from polymap_ros.solvers.evidence.solver import EvidenceSolver, search_of
+from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.tracking import Chain
 
 
 def messages(scene):
@@ -125,7 +127,9 @@ def test_more_noise_of_the_distance_expects_pings_farther_away(typical):
     chains = []
     for noise in (0.015, 0.1):
         parameters = mapper.parameters.replaced({'slam.noise_m_sqrt_m': noise})
-        chains.append(EvidenceSolver(parameters)._chain(mapper.evidence, search_of(mapper.evidence, parameters)))
+        soundings = [sounding for sounding in mapper.evidence.soundings if sounding.echo.size]
+        data = search_of(mapper.evidence, parameters).data
+        chains.append(Chain.of(soundings, data, OdometryNoise.assumed(parameters.slam)))
     one, other = (chain.between(np.arange(10)).covariance for chain in chains)
     along = np.hypot(*np.diff(chains[0].poses[:10, :2], axis=0).T)
     np.testing.assert_allclose(np.trace(other - one, axis1=1, axis2=2), (0.1**2 - 0.015**2) * along, rtol=1e-6)

@@ -11,17 +11,15 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.localisation import MISLED, Localiser, Prior
 from polymap_ros.solvers.evidence.odometry import Increments, OdometryNoise
-from polymap_ros.solvers.evidence.solver import EvidenceSolver, search_of
+from polymap_ros.solvers.evidence.solver import search_of
 
 
 @pytest.fixture(scope='module')
 def known():
     """Search, answer and level of a plate heard from exact poses."""
     mapper = filled_mapper(random_scene(4, 5), Parameters())
-    solver = EvidenceSolver(mapper.parameters)
-    solver.solve(mapper.evidence)
     search = search_of(mapper.evidence, mapper.parameters)
-    found = solver._last
+    found = next(each for each in search.polygons() if each is not None)
     power = search.power.fitted(found.walls, found.power, 5)
     level = float(np.median(search.wave.shares(found.wave, 5) / search.data.gain))
     return search, found._replace(power=power), level

@@ -8,7 +8,7 @@ import pytest
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.solvers.evidence.likelihood import information_of
-from polymap_ros.solvers.evidence.power import Power, PowerLikelihood, _cells_near
+from polymap_ros.solvers.evidence.power import Power, PowerLikelihood, cells_near
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 
 
@@ -114,7 +114,7 @@ def test_equals_brute_force_where_the_product_of_all_cells_overflows(in_pentagon
 def test_the_cells_near_an_echo_are_all_and_no_others():
     generator = np.random.default_rng(1)
     for half, reach in generator.uniform(0.0, 1.0, (200, 2)):
-        low, high = _cells_near(half, reach, 0.1, 3, 9)
+        low, high = cells_near(half, reach, 0.1, 3, 9)
         assert list(range(low, high)) == [cell for cell in range(3, 9) if abs(0.1 * cell - half) <= reach]
 
 

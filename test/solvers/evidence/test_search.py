@@ -15,7 +15,7 @@ from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.solvers.evidence import data as data_module
 from polymap_ros.solvers.evidence.certainty import certainty_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
-from polymap_ros.solvers.evidence.moves.corner_cut import _slid
+from polymap_ros.solvers.evidence.moves.corner_cut import slid
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
 from polymap_ros.solvers.evidence.moves.scan import scanned
@@ -170,7 +170,7 @@ def test_a_line_across_a_corner_slides_to_where_its_edge_is(sign, hear, inside):
     others = at(search, np.delete(heard.lines, across, 0), np.delete(heard.reflection, across), 0.0)
     others = search.wave.refine(others, 5)
     cycle = np.pi / search.data.pulse.carrier
-    found = _slid(search, others, heard.lines[across] + (0.6 * cycle, 0.0)).walls
+    found = slid(search, others, heard.lines[across] + (0.6 * cycle, 0.0)).walls
     assert found.lines[across, 0] == pytest.approx(heard.lines[across, 0], abs=0.11 * cycle)
     assert found.reflection[across] == sign
 

@@ -17,7 +17,7 @@ from polymap_ros.parameters import Parameters, SensorParameters
 from polymap_ros.simulation.waveforms import Synthesis
 from polymap_ros.solvers.evidence.likelihood import gradient_of, information_of
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
-from polymap_ros.solvers.evidence.wave_sums import _cubic
+from polymap_ros.solvers.evidence.wave_sums import cubic
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
 N = 4096
@@ -365,6 +365,6 @@ def test_between_samples_stands_the_cubic_through_four_of_them():
     for at in generator.uniform(1.0, 10.0, size=50):
         around = np.arange(int(at) - 1, int(at) + 3)
         through = KroghInterpolator(around, samples[around])
-        value, slope = _cubic(samples, at)
+        value, slope = cubic(samples, at)
         assert value == pytest.approx(complex(through(at)), rel=1e-9)
         assert slope == pytest.approx(complex(through.derivative(at)), rel=1e-9)

@@ -33,7 +33,7 @@ def cut_corner(ground: Ground, standing: Standing) -> Wave | None:
         if walls is not None and len(walls) > len(wave.walls):
             trials.append((ground.few.value(walls, base, SEARCH_ORDER), *line))
     ground.checkpoint()
-    cuts = [_slid(ground, wave, np.array(line)) for _, *line in sorted(trials, reverse=True)[:CUTS]]
+    cuts = [slid(ground, wave, np.array(line)) for _, *line in sorted(trials, reverse=True)[:CUTS]]
     ground.checkpoint()
     best, least = None, wave.value + least_gain(wave.value)
     for cut in sorted((cut for cut in cuts if cut is not None), key=lambda each: -each.value)[:REFINED]:
@@ -44,7 +44,7 @@ def cut_corner(ground: Ground, standing: Standing) -> Wave | None:
     return best
 
 
-def _slid(ground: Ground, wave: Wave, line: NDArray[np.float64]) -> Wave | None:
+def slid(ground: Ground, wave: Wave, line: NDArray[np.float64]) -> Wave | None:
     """Return the best waveform, by a part of the pings, with a line more that may be off by a cycle of range."""
     best = None
     for cycles in _SLIDES:
