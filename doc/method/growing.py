@@ -75,7 +75,7 @@ def main() -> None:
     """Hear, solve and draw after every ping."""
     mpl.rcParams.update({'font.size': 9, 'axes.titlesize': 10})
     scene, frames = load_scene(SCENE), []
-    mapper = PolygonMapper(scene.parameters().replaced({'odometry.max_gap_s': 1e9}))
+    mapper = PolygonMapper(scene.parameters())
     for ping, pose in list(zip(pings(scene), scene.reported_poses().tolist(), strict=True))[:PINGS]:
         mapper.add_pose(ping.emission_ns, Pose(*pose))
         mapper.add_ping(ping)
