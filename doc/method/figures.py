@@ -156,6 +156,7 @@ class Against(NamedTuple):
     `replaced` has one edge replaced by a copy of the strongest line, the one for which the cost is least; `annealed` is
     the state after all iterations, and `right` whether its polygon is. Eq. (10) keeps `kept` of the true lines. So many
     ranges of first echoes are `too_long` by more than a centimetre, and `iou` is that of the true polygon with A_T.
+    The true edge with the lowest L_T has `weakest` of the map's highest.
     """
 
     replaced: float
@@ -164,6 +165,7 @@ class Against(NamedTuple):
     kept: int
     too_long: int
     iou: float
+    weakest: float
 
 
 def published() -> Figure:
@@ -186,6 +188,8 @@ def published() -> Figure:
             ('a range is too long', sum(row.too_long > 0 for row in rows)),
             ('IoU of the truth below 0.6', sum(row.iou < 0.6 for row in rows))):
         print(f'{text}: {count}')
+    weakest = [row.weakest for row in many]
+    print(f'weakest wall of five edges or more: {min(weakest):.2f} to {max(weakest):.2f}')
     axes.axhline(0.0, color='black', linewidth=0.8)
     axes.set(xlabel='true edges', ylabel='eq. (5), less that of the truth')
     handles, labels = axes.get_legend_handles_labels()
@@ -219,7 +223,7 @@ def against_the_truth(scene: Scene) -> Against:
         right=compare(mapper.start_pose.apply(annealing.polygon_at()), scene.vertices).right,
         kept=len(filtered(lines, snapshot, parameters.solver.edge_filter_epsilon)),
         too_long=int(np.sum([sounding.rho for sounding in mapper.soundings] > nearest + 0.01)),
-        iou=snapshot.region.iou(half_plane_polygon(lines)[0]))
+        iou=snapshot.region.iou(half_plane_polygon(lines)[0]), weakest=float(values.min()))
 
 
 def best_cell(snapshot: Snapshot, r: float, theta: float) -> tuple[int, int]:
