@@ -303,7 +303,7 @@ def cycles() -> Figure:
     for axes in (above, below):
         for half in np.arange(-3, 4):
             axes.axvline(500.0 * half * search.cycle_m, color='0.85', linewidth=0.8, zorder=0)
-    below.legend(loc='lower right')
+    below.legend(loc='upper right')
     return figure
 
 
