@@ -1,7 +1,7 @@
 """Every parameter once: name, default, unit, bounds, text, and whether it may change live.
 
-The node declares its ROS parameters from here, the tools read the same YAML, and the README's table is
-tested against it. A group is a frozen dataclass; `Parameters` is the tree of groups.
+The node declares its ROS parameters from here, the tools read the same YAML, and the documentation's tables are
+made of it. A group is a frozen dataclass; `Parameters` is the tree of groups.
 """
 
 import dataclasses
