@@ -1,0 +1,47 @@
+"""How Sphinx builds this documentation, alone or by rosdoc2: sphinx-build -W --keep-going -b html doc doc/_build."""
+
+import sys
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+from polymap_ros import __version__
+
+project = 'polymap_ros'
+author = 'The polymap_ros maintainers'
+copyright = '2026, The polymap_ros maintainers'
+version = release = __version__
+
+extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.mathjax', 'sphinx.ext.viewcode']
+source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}  # of rosdoc2's index and ours, ours
+exclude_patterns = ['_build', '_generated']
+default_role = 'py:obj'
+smartquotes = False  # would make a dash of the two before an option
+
+myst_enable_extensions = ['amsmath', 'colon_fence', 'deflist', 'dollarmath']
+myst_heading_anchors = 3
+
+autodoc_member_order = 'bysource'
+autodoc_typehints = 'none'  # numpydoc's sections say them, with shapes and units
+numpydoc_show_class_members = False
+
+html_theme = 'furo'
+html_title = f'polymap_ros {release}'
+html_static_path = ['_static']
+html_css_files = ['tables.css']
+html_show_sourcelink = False
+
+rosdoc2_settings = {'override_theme': False}
+
+
+def write_tables(app: Sphinx) -> None:
+    """Make the reference of the sources, before any page is read."""
+    sys.path.insert(0, str(app.srcdir))
+    from generated import write
+
+    write(Path(app.srcdir, '_generated'))
+
+
+def setup(app: Sphinx) -> None:
+    """Take part in the build."""
+    app.connect('builder-inited', write_tables)
