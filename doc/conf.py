@@ -3,14 +3,15 @@
 import sys
 from pathlib import Path
 
+from numpydoc.xref import DEFAULT_LINKS
 from sphinx.application import Sphinx
 
-from polymap_ros import __version__
+import polymap_ros
 
 project = 'polymap_ros'
 author = 'The polymap_ros maintainers'
 copyright = '2026, The polymap_ros maintainers'
-version = release = __version__
+version = release = polymap_ros.__version__
 
 extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.mathjax', 'sphinx.ext.viewcode']
 source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}  # of rosdoc2's index and ours, ours
@@ -23,7 +24,12 @@ myst_heading_anchors = 3
 
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'none'  # numpydoc's sections say them, with shapes and units
+autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = 'all'
+numpydoc_xref_aliases = {**{word: word for word in DEFAULT_LINKS},  # others' pages are not looked up
+                         **{name: f'polymap_ros.{name}' for name in polymap_ros.__all__}}
 
 html_theme = 'furo'
 html_title = f'polymap_ros {release}'

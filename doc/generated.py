@@ -26,7 +26,7 @@ STAGES = {
 }
 """Headings of what a warning is about."""
 
-_TYPES = {float: 'double', int: 'integer', bool: 'bool', str: 'string'}
+LIVE = ' (*live*)'
 _COLUMNS = '96'
 """Width of the help."""
 
@@ -37,7 +37,7 @@ def parameters() -> str:
     for group in dict.fromkeys(each.name.partition('.')[0] for each in specifications()):
         about = (type(getattr(defaults, group)).__doc__ or '').partition('\n')[0]
         rows = [_parameter(each) for each in specifications() if each.name.startswith(f'{group}.')]
-        table = _table(('parameter', 'type', 'default', 'allowed', 'changes', 'what'), rows)
+        table = _table(('parameter', 'default', 'type and range', 'what'), rows)
         sections.append(f'## {group}\n\n{about}\n\n{table}')
     return '\n\n'.join(sections)
 
@@ -46,7 +46,7 @@ def warnings() -> str:
     """Return a table of the warnings for each stage."""
     return '\n\n'.join(
         f'## {heading}\n\n' + _table(('code', 'what it means', 'what to do'), (
-            (f'`{code}`', kind.meaning, _code(kind.remedy)) for code, kind in CAUTIONS.items() if kind.about == stage))
+            (f'`{code}`', _code(kind.meaning), _code(kind.remedy)) for code, kind in CAUTIONS.items() if kind.about == stage))
         for stage, heading in STAGES.items())
 
 
@@ -88,14 +88,9 @@ def _put(path: Path, text: str) -> None:
 
 
 def _parameter(spec: Specification) -> tuple[str, ...]:
-    kind = _TYPES[spec.type]
     default = str(spec.default).lower() if spec.type is bool else str(spec.default) or "''"
-    if spec.choices:
-        allowed = ', '.join(f'`{choice}`' for choice in spec.choices)
-    else:
-        allowed = spec.allowed().removeprefix(kind).strip().removeprefix('in ')
-    changes = 'live' if spec.live else 'read-only'
-    return f'`{spec.name}`', kind, f'`{default}`', allowed, changes, _code(spec.text)
+    allowed = f'string: {", ".join(f"`{each}`" for each in spec.choices)}' if spec.choices else spec.allowed()
+    return f'`{spec.name}`', f'`{default}`', allowed, f'{_code(spec.text)}{LIVE if spec.live else ""}'
 
 
 def _code(text: str) -> str:
