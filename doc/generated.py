@@ -8,7 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 import polymap_ros
@@ -44,10 +44,12 @@ def parameters() -> str:
 
 def warnings() -> str:
     """Return a table of the warnings for each stage."""
-    return '\n\n'.join(
-        f'## {heading}\n\n' + _table(('code', 'what it means', 'what to do'), (
-            (f'`{code}`', _code(kind.meaning), _code(kind.remedy)) for code, kind in CAUTIONS.items() if kind.about == stage))
-        for stage, heading in STAGES.items())
+    sections = []
+    for stage, heading in STAGES.items():
+        rows = [(f'`{code}`', _code(kind.meaning), _code(kind.remedy)) for code, kind in CAUTIONS.items()
+                if kind.about == stage]
+        sections.append(f'## {heading}\n\n{_table(("code", "what it means", "what to do"), rows)}')
+    return '\n\n'.join(sections)
 
 
 def drops() -> str:
@@ -113,13 +115,6 @@ def _help(name: str, *arguments: str) -> str:
     return f'```text\n{told.stdout.rstrip()}\n```'
 
 
-def _table(header: Iterable[str], rows: Iterable[tuple[str, ...]]) -> str:
+def _table(header: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
     """Return a table of Markdown."""
-    def lines() -> Iterator[str]:
-        yield from (_line(header), _line('---' for _ in header))
-        yield from map(_line, rows)
-    return '\n'.join(lines())
-
-
-def _line(cells: Iterable[str]) -> str:
-    return f'| {" | ".join(cells)} |'
+    return '\n'.join(f'| {" | ".join(cells)} |' for cells in (header, ('---',) * len(header), *rows))

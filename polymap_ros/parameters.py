@@ -316,6 +316,13 @@ class SolverParameters(Group):
 class Parameters:
     """All parameters of polymap_ros; immutable, validated on construction.
 
+    `of` and `replaced` take values by name, ``parameters['solver.seed']`` gives one back.
+
+    Parameters
+    ----------
+    medium, pulse, echo, front_end, sensor, odometry, grid, free_area, solver, slam, map, output, topics : groups
+        Each with the parameters of that name.
+
     Raises
     ------
     ParameterError
