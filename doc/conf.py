@@ -14,8 +14,9 @@ copyright = '2026, The polymap_ros maintainers'
 version = release = polymap_ros.__version__
 
 extensions = ['myst_parser', 'numpydoc', 'sphinx.ext.autodoc', 'sphinx.ext.mathjax', 'sphinx.ext.viewcode']
-source_suffix = {'.md': 'markdown', '.rst': 'restructuredtext'}  # of rosdoc2's index and ours, ours
-exclude_patterns = ['_build', '_generated']
+# What rosdoc2 lays beside these pages is left alone: an index and a page of every module as .rst, and copies.
+source_suffix = {'.md': 'markdown'}
+exclude_patterns = ['_build', '_generated', 'standard_docs', 'user_docs']
 default_role = 'py:obj'
 smartquotes = False  # would make a dash of the two before an option
 
@@ -25,6 +26,7 @@ myst_heading_anchors = 3
 autodoc_member_order = 'bysource'
 autodoc_typehints = 'none'  # numpydoc's sections say them, with shapes and units
 autodoc_preserve_defaults = True
+autosummary_generate = False
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
 numpydoc_xref_ignore = 'all'
@@ -36,8 +38,6 @@ html_title = f'polymap_ros {release}'
 html_static_path = ['_static']
 html_css_files = ['tables.css']
 html_show_sourcelink = False
-
-rosdoc2_settings = {'override_theme': False}
 
 
 def write_tables(app: Sphinx) -> None:
