@@ -42,6 +42,8 @@ class Said:
 _SAID: ContextVar[Said | None] = ContextVar('_SAID', default=None)
 _LOST: list[str] = []
 """Why this process's stdout is not complete."""
+_STOPS: list[KeyboardInterrupt] = []
+"""What signals have raised to end the work."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -216,7 +218,8 @@ def tell(text: str) -> None:
 def attempt(program: str, job: Callable[[], int]) -> int:
     """Run a job; an error becomes one line on stderr and status 2: one that a user can cause, or a fault of ours."""
     try:
-        return job()
+        with stops_heeded():
+            return job()
     except Exception as error:  # a fault of ours is told with its place
         complain(program, f'error: {in_words(error)}')
     return WRONG
@@ -226,19 +229,23 @@ def execute(program: str, job: Callable[[], int]) -> int:
     """Run a command's job as `attempt` does; Ctrl-C becomes status 130, SIGTERM 143, and nothing is left half done."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
-    before = signal.signal(signal.SIGTERM, _terminate)
+    before = {signal.SIGTERM: signal.signal(signal.SIGTERM, _terminate)}
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where the caller has it ignored
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, _interrupt)
     _LOST.clear()
     try:
         status = attempt(program, job)
         for text in _LOST:
             complain(program, f'error: {text}')
         return max(status, WRONG) if _LOST else status
-    except KeyboardInterrupt as stop:
-        complain(program, str(stop) or 'interrupted')
-        return TERMINATED if isinstance(stop, _Terminated) else INTERRUPTED
+    except KeyboardInterrupt as why:
+        complain(program, str(why) or 'interrupted')
+        return TERMINATED if isinstance(why, _Terminated) else INTERRUPTED
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        _STOPS.clear()
 
 
 class _Terminated(KeyboardInterrupt):
@@ -254,9 +261,32 @@ def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> No
     signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
 
 
+def stop(why: KeyboardInterrupt) -> NoReturn:
+    """Raise this in a signal's handler, such that `stops_heeded` knows of it."""
+    _STOPS.append(why)
+    raise why
+
+
+@contextmanager
+def stops_heeded() -> Iterator[None]:
+    """Raise at the end of this block what a signal raised within, whatever has become of it.
+
+    Numba makes a SystemError of it, finalizers and callbacks from C nothing at all.
+    """
+    try:
+        yield
+    finally:
+        if _STOPS:
+            raise _STOPS[-1]
+
+
 def _terminate(number: int, frame: FrameType | None) -> NoReturn:
     again_if_ignored(_terminate)
-    raise _Terminated('terminated')
+    stop(_Terminated('terminated'))
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    stop(KeyboardInterrupt())
 
 
 @contextmanager

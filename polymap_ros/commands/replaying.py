@@ -108,7 +108,8 @@ def attempt(path: Path, folder: Path, parameters: Parameters, arguments: argpars
     """Replay one recording; whatever goes wrong is one line on stderr and an outcome."""
     began_s = time.monotonic()
     try:
-        return _replay(path, folder, parameters, arguments)
+        with console.stops_heeded():
+            return _replay(path, folder, parameters, arguments)
     except Exception as error:  # a fault of ours, too, costs this recording only
         text = in_words(error) if isinstance(error, PolymapError) else f'{path}: {in_words(error)}'
         console.complain(PROGRAM, f'error: {text}')

@@ -3,10 +3,12 @@
 import csv
 import json
 import shutil
+import signal
+import sys
 
 import pytest
 
-from polymap_ros.commands import console
+from polymap_ros.commands import console, fleet, replaying
 from polymap_ros.commands.ledger import COLUMNS, Ledger
 from polymap_ros.commands.replaying import Outcome
 from polymap_ros.errors import UsageError
@@ -162,3 +164,45 @@ def test_a_folder_of_recordings_is_refused_with_what_replays_all_of_them(call, t
     (tmp_path / 'drives' / "tuesday's.mcap").unlink()
     assert 'not a rosbag2 directory' in call('replay', 'drives', '--output', 'maps').complaint
     assert not (tmp_path / 'maps').exists()
+
+
+def replay_that_loses(number, is_fault, begun):
+    """A replay in which a signal comes, of which nothing is left, or a fault as numba makes of it."""
+    def replay(path, folder, *rest):
+        begun.append(path.name)
+        try:
+            signal.raise_signal(number)
+        except KeyboardInterrupt as stop:
+            if is_fault:
+                raise SystemError('returned a result with an exception set') from stop
+        return Outcome(path, folder, 0, 'closed')
+    return replay
+
+
+@pytest.mark.parametrize('is_fault', [True, False])
+@pytest.mark.parametrize(('number', 'status', 'word'), [
+    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
+def test_a_signal_ends_the_batch_whatever_becomes_of_what_it_raises(
+        call, tmp_path, monkeypatch, number, status, word, is_fault):
+    begun, before = [], (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))
+    monkeypatch.setattr(replaying, '_replay', replay_that_loses(number, is_fault, begun))
+    done = call('replay', 'a.mcap', 'b.mcap', '--output', 'out')
+    assert (done.status, done.complaint) == (status, f'polymap_replay: {word}')
+    assert begun == ['a.mcap']
+    assert rows(tmp_path / 'out' / 'summary.csv') == []
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before
+    assert console.attempt('polymap_replay', lambda: 0) == 0  # it is of the past
+
+
+def test_a_signal_ends_a_process_of_many_whatever_becomes_of_what_it_raises(tmp_path, monkeypatch):
+    monkeypatch.setattr(console, '_STOPS', [])
+    monkeypatch.setattr(fleet.os, '_exit', sys.exit)
+    monkeypatch.setattr(replaying, '_replay', replay_that_loses(signal.SIGTERM, True, []))
+    before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGALRM)
+    try:
+        with pytest.raises(SystemExit) as ended:
+            fleet._in_process(replaying.attempt, tmp_path / 'a.mcap', tmp_path / 'a', None, None)
+    finally:
+        signal.signal(signal.SIGTERM, before[0])
+        signal.signal(signal.SIGALRM, before[1])
+    assert ended.value.code == console.TERMINATED
