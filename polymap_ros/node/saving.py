@@ -154,7 +154,7 @@ class Saver:
         if self._automatic is None:
             return
         (content, future), self._automatic = self._automatic, None
-        saved = self._note(future)
+        saved = self._note(future, self._complain)
         if saved is None:  # tried again after the next interval
             return
         if saved.whole:
@@ -165,20 +165,22 @@ class Saver:
                     self._writer.submit(discard, older.folder)
             self._kept = [*(older for older in self._kept if not saved.missing <= older.missing), saved]
 
-    def _note(self, future: 'Future[Saved]') -> Saved | None:
+    def _complain(self, text: str) -> None:
+        """Log the trouble of automatic saves, which comes again with each of them."""
+        self._node.get_logger().error(text, throttle_duration_sec=10.0)
+
+    def _note(self, future: 'Future[Saved]', complain: Callable[[str], object]) -> Saved | None:
         try:
             saved = future.result()
         except Exception as error:  # a full disk, or a fault of ours: the mapping goes on
             self.problem = f'cannot save: {in_words(error)}'
             known = isinstance(error, (OSError, PolymapError))
-            self._node.get_logger().error(
-                self.problem if known else '\n'.join((self.problem, *format_exception(error))),
-                throttle_duration_sec=10.0)
+            complain(self.problem if known else '\n'.join((self.problem, *format_exception(error))))
             return None
         self.saved, self.problem = str(saved.folder), ''
         if saved.unwritten:
             self.problem = f'{saved.folder}: {saved.problem}'
-            self._node.get_logger().error(self.problem, throttle_duration_sec=10.0)
+            complain(self.problem)
         return saved
 
     async def _serve(self, request: Any, response: Any) -> Any:
@@ -187,8 +189,8 @@ class Saver:
         written = RosFuture(executor=executor)
         future.add_done_callback(lambda _: executor.create_task(partial(written.set_result, None)))
         await written
-        saved = self._note(future)
-        if saved is not None:
+        saved = self._note(future, self._node.get_logger().error)
+        if not self.problem:
             self._node.get_logger().info(f'saved: {self.saved}')
         response.success = saved is not None and saved.whole
         response.message = self.problem or self.saved

@@ -6,17 +6,23 @@ import resource
 import signal
 import subprocess
 import sys
+import threading
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
 
+from polymap_ros.errors import OutputError
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.factory import message_class
-from polymap_ros.node.saving import write
+from polymap_ros.node.saving import Saved, Saver, write
+from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.arrays import read_state
+from polymap_ros.results.folder import Unwritten
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 TRIGGER = 'std_srvs/srv/Trigger'
@@ -128,6 +134,36 @@ def test_a_save_without_a_map_or_a_state_says_so(tmp_path):
     assert missing == [
         (False, 'state.npz', {'polygon.json', 'trajectory.tum'}),
         (True, 'map.pgm and map.yaml', {'polygon.json', 'state.npz', 'trajectory.tum'})]
+
+
+def test_the_log_says_of_every_save_asked_for_what_the_service_says(tmp_path, monkeypatch):
+    logged, written, served = [], threading.Event(), []
+    logger = SimpleNamespace(error=lambda text, **options: logged.append(('error', text, options)),
+                             info=lambda text: logged.append(('info', text, {})))
+    node = SimpleNamespace(get_logger=lambda: logger, create_service=lambda *arguments, **options: None,
+                           executor=Mock(create_task=lambda task: (task(), written.set())))
+    parameters = Parameters().replaced({'output.dir': str(tmp_path)})
+    saver = Saver(node, PolygonMapper(parameters), lambda: parameters, Stopwatch())
+    missing = Saved(tmp_path / 'b', (Unwritten(('state.npz',), 'no space'),))
+    for outcome in (Saved(tmp_path / 'a', ()), missing, missing, OutputError(tmp_path, 'full')):
+        def give(*arguments, outcome=outcome):
+            if isinstance(outcome, Exception):
+                raise outcome
+            return outcome
+
+        monkeypatch.setattr('polymap_ros.node.saving.write', give)
+        written.clear()
+        serving = saver._serve(None, SimpleNamespace())
+        try:
+            serving.send(None)
+            assert written.wait(30.0)
+            serving.send(None)
+        except StopIteration as end:
+            served.append(end.value)
+    saver.close()
+    assert [each.success for each in served] == [True, False, False, False]
+    assert served[0].message == str(tmp_path / 'a')
+    assert logged == [('info', f'saved: {tmp_path / "a"}', {}), *(('error', each.message, {}) for each in served[1:])]
 
 
 def test_node_that_is_killed_leaves_the_saves_it_has_answered_for(peer, start, tmp_path, riding):
