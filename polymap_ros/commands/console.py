@@ -111,6 +111,8 @@ def count(text: str) -> int:
 
 def path_argument(text: str) -> Path:
     """The type of an argument that is a path: no shell expands the ``~`` in ``--output=~/maps``."""
+    if not text:  # as of a variable that is not set
+        raise argparse.ArgumentTypeError("'' names nothing; write . for the current folder")
     try:
         return Path(expanded(text))
     except ValueError as error:

@@ -1,6 +1,7 @@
 """Bad input: the message, the drop reason and the status that the contract promises, and nothing partial written."""
 
 import dataclasses
+import importlib
 import json
 import os
 import shutil
@@ -371,3 +372,17 @@ def test_a_result_folder_that_cannot_be_made(call, triangle, tmp_path):
     assert done.status == 2
     assert done.complaint.startswith('polymap_replay: error: file')
     assert [path.name for path in tmp_path.iterdir()] == ['file']
+
+
+@pytest.mark.parametrize(('name', 'arguments'), [
+    ('replay', ('none.mcap', '--output', '')), ('replay', ('',)), ('replay', ('none.mcap', '--params-file', '')),
+    ('simulate', ('triangle', '--output', '')), ('evaluate', ('random', '--output', ''))])
+def test_an_empty_path_is_refused_before_the_work(tmp_path, monkeypatch, capsys, name, arguments):
+    """A shell makes it of a variable that is not set."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as refused:
+        importlib.import_module(f'polymap_ros.commands.{name}').main(arguments)
+    assert refused.value.code == 2
+    option = next((each for each in arguments if each.startswith('--')), 'RECORDING')
+    assert f"argument {option}: '' names nothing; write . for the current folder" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
