@@ -49,6 +49,12 @@ def suggestion(name: str, known: Sequence[str]) -> str:
     return f'did you mean {close}?' if close else f'known: {", ".join(near)}'
 
 
+def misspelt(found: Sequence[str], name: str) -> str:
+    """Say that one of the names found may be meant to be `name`; empty where none comes near."""
+    close = _closest(name, found)
+    return f'; did you mean {name} by {close}?' if close and close != name else ''
+
+
 def stray(name: str, known: Sequence[str]) -> str:
     """Say why a parameter that is left alone may have been meant for us; empty where nothing speaks for that.
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import yaml
 
 from polymap_ros.errors import ParameterError, UsageError
-from polymap_ros.names import for_many, for_node, full_name_in, misplaced, stray
+from polymap_ros.names import for_many, for_node, full_name_in, misplaced, misspelt, stray
 from polymap_ros.parameters import NODE_NAME, Parameters, specifications
 from polymap_ros.paths import expanded
 from polymap_ros.plain_yaml import read_parameter_yaml, read_small
@@ -19,7 +20,8 @@ def parse_override(text: str) -> tuple[str, object]:
     """Split a command line's ``name:=value``; the value is read as YAML, as ROS does."""
     name, separator, value = text.partition(':=')
     if not separator or not name:
-        raise ParameterError(text, 'expected name:=value')
+        meant = re.fullmatch(r'([\w.]+)\s*[:=]\s*(\S.*)', text)
+        raise ParameterError(text, f'expected name:=value{f"; did you mean {meant[1]}:={meant[2]}?" if meant else ""}')
     try:
         return name, read_parameter_yaml(value) if value else ''
     except yaml.YAMLError as error:
@@ -66,7 +68,9 @@ def load_parameters(
         document = read_parameter_yaml(read_small(path))
     except OSError as error:
         raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError as error:
+        raise UsageError(f'parameter file {path}: is not UTF-8; save it in that encoding') from error
+    except yaml.YAMLError as error:
         raise UsageError(f'parameter file {path}: is not YAML: {" ".join(str(error).split())}') from error
     if not isinstance(document, dict):
         raise UsageError(f'parameter file {path}: is not a ROS parameter file: expected polymap_node: '
@@ -77,7 +81,8 @@ def load_parameters(
     for key in (key for key in nodes if for_many(key) and key not in keys):
         warn(f'parameter file {path}: {key} is for nodes elsewhere than {full_name}, and left alone')
     if not keys:
-        raise UsageError(f'parameter file {path}: has no {node_name} or /** key, only {", ".join(map(str, document))}')
+        raise UsageError(f'parameter file {path}: has no {node_name} or /** key, only {", ".join(map(str, document))}'
+                         f'{misspelt([part for key in nodes for part in key.split("/")], node_name)}')
     others = [key for key in keys if key.strip('/') != node_name and '*' not in key]
     if len(others) > 1:
         raise UsageError(f'parameter file {path}: is for several nodes, of which one is asked for: {", ".join(others)}')
@@ -92,7 +97,8 @@ def _ours(file: str, key: str, node: object, warn: Callable[[str], None]) -> dic
     """What stands below one key of a parameter file and is for us; the rest is told where it may have been meant so."""
     body = node.get('ros__parameters') if isinstance(node, dict) else None
     if not isinstance(body, dict):
-        raise UsageError(f'{file}: {key} has no ros__parameters')
+        raise UsageError(f'{file}: {key} has no ros__parameters'
+                         f'{misspelt(list(node), "ros__parameters") if isinstance(node, dict) else ""}')
     known = {spec.name for spec in specifications()}
     groups = {name.partition('.')[0] for name in known}
     entries: dict[str, object] = {}

@@ -257,7 +257,12 @@ polymap_node:
     ('/**:\n  ros__parameters:\n    solver:\n    method: paper', 'solver is a group, and nothing stands below it'),
     ('polymap_node: {grid: {range_step_m: 1.0}}', 'polymap_node has no ros__parameters'),
     ('polymap_node: 3', 'polymap_node has no ros__parameters'),
+    ('polymap_node: {ros__parameter: {solver: {seed: 1}}}',
+     'polymap_node has no ros__parameters; did you mean ros__parameters by ros__parameter?'),
     ('other_node: {ros__parameters: {}}', 'only other_node'),
+    ('other: {ros__parameters: {}}\npolymap_nod: {ros__parameters: {}}',
+     'only other, polymap_nod; did you mean polymap_node by polymap_nod?'),
+    ('robot: {polymap_nod: {ros__parameters: {}}}', 'only robot; did you mean polymap_node by polymap_nod?'),
     ('[1, 2]', 'not a ROS parameter file'),
     ('', 'not a ROS parameter file'),
     ('a: [1', 'is not YAML'),
@@ -279,9 +284,14 @@ def test_unreadable_files_are_named(tmp_path):
         load_parameters(tmp_path / 'missing.yaml')
     with pytest.raises(UsageError, match=tmp_path.name):
         load_parameters(tmp_path)
-    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
-    with pytest.raises(UsageError, match=r'binary\.yaml'):
-        load_parameters(tmp_path / 'binary.yaml')
+
+
+@pytest.mark.parametrize('encoding', ['utf-16', 'latin-1'])
+def test_a_file_that_is_not_utf_8_is_told_so(tmp_path, encoding):
+    path = tmp_path / 'p.yaml'
+    path.write_text('polymap_node: {ros__parameters: {output: {dir: Prüfung}}}', encoding=encoding)
+    with pytest.raises(UsageError, match=r'p\.yaml: is not UTF-8; save it in that encoding$'):
+        load_parameters(path)
 
 
 def test_overrides_are_the_last_word_and_leave_the_rest_of_the_file(write):

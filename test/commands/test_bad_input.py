@@ -316,7 +316,9 @@ def test_all_pings_on_one_straight_line(call, altered, tmp_path, method):
      'parameter grid.range_step_m: nan is out of range; allowed: double in [1e-06, 10000] m'),
     ('solver.max_edges:=2.5', 'parameter solver.max_edges: 2.5 is of type float; allowed: integer in [3, 64]'),
     ('solver.method:=magic', "parameter solver.method: 'magic' is not known; allowed: "),
-    ('solver.seed=3', 'parameter solver.seed=3: expected name:=value'),
+    ('solver.seed', 'parameter solver.seed: expected name:=value'),
+    ('solver.seed=3', 'parameter solver.seed=3: expected name:=value; did you mean solver.seed:=3?'),
+    ('solver.seed: 3', 'parameter solver.seed: 3: expected name:=value; did you mean solver.seed:=3?'),
     ('solver.seed:=[', "parameter solver.seed: '[' is not a YAML value"),
 ])
 def test_a_wrong_parameter(call, triangle, tmp_path, override, text):
