@@ -129,6 +129,8 @@ def _replay(path: Path, folder: Path, parameters: Parameters, arguments: argpars
         mapped = _mapped(recording, parameters, arguments)
         _tell(mapped, arguments.exports)
         _complain(mapped)
+        if arguments.record:
+            _complain_of_the_record(mapped)
         files = answer(mapped.mapper, mapped.estimate, mapped.parameters, mapped.cautions, recording_name(path))
         saved = True
         try:
@@ -297,6 +299,18 @@ def _complain(mapped: Mapped) -> None:
         return
     for caution in mapped.complaints:
         console.complain(PROGRAM, f'warning: {path}: {caution.text}')
+
+
+def _complain_of_the_record(mapped: Mapped) -> None:
+    """Say where the messages of result.mcap hold less than the answer."""
+    from polymap_ros.geometry.plane import XY
+    from polymap_ros.messages.outputs import coarse_polygon
+    from polymap_ros.results.folder import RECORD
+
+    polygon = mapped.estimate.polygon
+    if polygon and (coarse := coarse_polygon(polygon, mapped.mapper.plane or XY)):
+        console.complain(PROGRAM, f'warning: {mapped.recording.path}: {RECORD}: {coarse.finding}; ~/markers in it and '
+                                  'polygon.json are exact')
 
 
 def _outcome(mapped: Mapped, folder: Path, seconds: float, error: str) -> Outcome:

@@ -247,3 +247,21 @@ def test_a_gap_of_years_is_left_empty(triangle, tmp_path):
     record, answer = recorded(tmp_path / 'gap', tmp_path / 'out', *FAST)
     assert 31 + 50 < len(record.messages['/diagnostics']) < 31 + 70
     assert_ends_with_the_answer(record, answer)
+
+
+def test_a_polygon_too_far_away_for_32_bits_is_told(altered, tmp_path, capsys):
+    """Odometry in UTM; what is told is what the record has lost."""
+    def far_away(topic, index, message):
+        if topic == '/odom':
+            message.pose.pose.position.x += 448_251.123456
+            message.pose.pose.position.y += 5_411_932.654321
+        return [(topic, message)]
+
+    record, answer = recorded(altered(far_away), tmp_path / 'out', *FAST)
+    assert_ends_with_the_answer(record, answer)
+    lost_m = np.abs(np.array(record.last_corners()) - answer['vertices']).max()
+    [told] = [line for line in capsys.readouterr().err.splitlines() if 'result.mcap' in line]
+    assert lost_m > 0.01
+    assert told.startswith('polymap_replay: warning: ')
+    assert f'rounded by up to {1e3 * lost_m:.0f} mm in ~/polygon' in told
+    assert told.endswith('; ~/markers in it and polygon.json are exact')
