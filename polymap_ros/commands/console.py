@@ -254,6 +254,10 @@ class _Terminated(KeyboardInterrupt):
     """SIGTERM, which ends a command as Ctrl-C does."""
 
 
+class _Interrupted(KeyboardInterrupt):
+    """Ctrl-C; Python ends itself by SIGINT, with no status, where a plain one was raised in an ``exec`` of text."""
+
+
 def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> None:
     """Let a handler that raises be called again in a while, unless `signal.setitimer` is set to 0 before.
 
@@ -288,7 +292,8 @@ def _terminate(number: int, frame: FrameType | None) -> NoReturn:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    stop(KeyboardInterrupt())
+    again_if_ignored(_interrupt)
+    stop(_Interrupted())
 
 
 @contextmanager

@@ -4,6 +4,7 @@ import csv
 import json
 import shutil
 import signal
+import subprocess
 import sys
 
 import pytest
@@ -206,3 +207,13 @@ def test_a_signal_ends_a_process_of_many_whatever_becomes_of_what_it_raises(tmp_
         signal.signal(signal.SIGTERM, before[0])
         signal.signal(signal.SIGALRM, before[1])
     assert ended.value.code == console.TERMINATED
+
+
+def test_ctrl_c_in_code_from_text_has_its_status(tmp_path):
+    """As dataclasses and Numba make it: Python takes a KeyboardInterrupt there for one that nobody catches."""
+    (tmp_path / 'tool.py').write_text(
+        'import signal, sys\nfrom polymap_ros.commands import console\n'
+        "sys.exit(console.execute('polymap', lambda: exec('signal.raise_signal(signal.SIGINT)')))\n")
+    done = subprocess.run([sys.executable, '-m', 'tool'], cwd=tmp_path, capture_output=True, text=True, timeout=60,
+                          check=False)
+    assert (done.returncode, done.stderr) == (130, 'polymap: interrupted\n')
