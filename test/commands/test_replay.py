@@ -118,7 +118,7 @@ def test_everything_that_can_be_asked_for(call, triangle, tmp_path):
         first_ns = {c.topic: log_ns for c, log_ns, _ in reversed(list(reader.messages()))}
     with AnyReader([triangle]) as reader:
         assert counts['/odom'] == reader.topics['/odom'].msgcount
-    outputs = [f'/polymap_node/{name}' for name in ('polygon', 'markers', 'beam_map', 'map', 'path')]
+    outputs = [f'/polymap_node/{name}' for name in ('polygon', 'markers', 'beam_map', 'map', 'path', 'pose')]
     assert counts.keys() == {'/odom', '/diagnostics', *outputs}
     assert all(first_ns[topic] > first_ns['/odom'] for topic in outputs)  # as they grew
     points = last['/polymap_node/polygon'].polygon.points
