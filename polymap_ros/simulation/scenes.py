@@ -57,6 +57,12 @@ class Scene:
         Highest order of the image sources.
     reflection : array_like, shape (n,), or float
         Reflection coefficient of each edge, signed; edge i runs from vertex i to vertex i + 1.
+    edge : str
+        ``real``, or ``free``: every reflection turns the phase as a plate's free edge does.
+    edge_poisson : float
+        Poisson's ratio for that.
+    edge_delay_deg : float or array_like, shape (n,)
+        By how much more every reflection, or each edge's, delays the phase [deg].
     seed : int
         Seed of noise, gains and position errors, which are drawn from streams of their own.
     ping_period_s : float
@@ -84,6 +90,9 @@ class Scene:
     snr_db: float | None = 0.0
     order: int = 5
     reflection: ArrayLike = 1.0
+    edge: str = 'real'
+    edge_poisson: float = 0.33
+    edge_delay_deg: ArrayLike = 0.0
     seed: int = 1
     ping_period_s: float = 0.5
     odometry_rate_hz: float = 20.0

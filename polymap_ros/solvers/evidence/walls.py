@@ -130,7 +130,7 @@ class Walls:
         return np.asarray(information)
 
     def by_phase(self, slopes: Slopes) -> NDArray[np.float64]:
-        """Return the information (3 n,) between the walls and the device's phase."""
+        """Return the information (3 n, q) between the walls and the phases."""
         return np.asarray(slopes.by_phase.sum(axis=0))
 
     def by_pose(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:

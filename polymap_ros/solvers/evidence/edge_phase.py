@@ -1,0 +1,128 @@
+r"""What every reflection does to the phase: a delay common to all walls, by the angle of incidence, and each wall's own.
+
+A wall's coefficient is rho exp(-j D), rho real and signed, and
+
+    D_w(s) = D_0(s) + p_0 + p_1 s^2 + p_2 s^4 + q_w,   s the sine of the angle of incidence,
+
+D_0 a law that is known, such as that of a plate's free edge, and p and q what is found. A phase that is constant is not
+a free edge's, which goes from 90 deg to 35 deg at s = 0.8; with its law, p mends what is not known of the plate.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.acoustics.plate_edge import free_edge_delay, poisson_ratio
+from polymap_ros.parameters import MediumParameters
+
+COMMON = 3
+"""Numbers p."""
+
+_ROWS = 129
+"""Cosines at which a law is tabulated: linear between them it is right to 1e-4 rad."""
+
+_COMMON_DEVIATIONS = 1.0, 0.5, 0.5
+"""Prior standard deviations of p [rad]."""
+
+_OWN_DEVIATION = 0.5
+"""That of q [rad]: coatings and mixed edges, within 60 deg."""
+
+
+@dataclass(frozen=True, eq=False)
+class EdgePhase:
+    """D as a function of the cosine of the angle of incidence, wall by wall.
+
+    Parameters
+    ----------
+    law : ndarray, shape (m,)
+        D_0 at cosines from 0 to 1, evenly spaced [rad]; empty where nothing turns the phase.
+    found : ndarray, shape (3,)
+        p [rad].
+    own : ndarray, shape (n,)
+        q [rad]; empty where the walls have none of their own.
+    looked_for : int
+        Numbers that are looked for: 0, those of p, or with q all of them.
+    """
+
+    law: NDArray[np.float64]
+    found: NDArray[np.float64]
+    own: NDArray[np.float64]
+    looked_for: int = 0
+
+    @classmethod
+    def of(cls, law: NDArray[np.float64] | float) -> 'EdgePhase':
+        """Return a law (m,), or one delay [rad] at all angles, of which nothing is looked for."""
+        return cls(np.broadcast_to(np.asarray(law, float), (_ROWS,)), np.zeros(COMMON), np.empty(0))
+
+    @cached_property
+    def table(self) -> NDArray[np.float64]:
+        """D_0 and p's part of D at the cosines of the law; empty where there is none."""
+        if not len(self.law):
+            return self.law
+        s2 = 1.0 - cosines() ** 2
+        return np.asarray(self.law + self.found[0] + self.found[1] * s2 + self.found[2] * s2**2)
+
+    @property
+    def head_on(self) -> float:
+        """D at normal incidence, but for q."""
+        return float(self.table[-1]) if len(self.law) else 0.0
+
+    @property
+    def free(self) -> bool:
+        """Whether anything is looked for."""
+        return self.looked_for > 0
+
+    def freed(self) -> 'EdgePhase':
+        """Return the same with p to be found."""
+        start = self if len(self.law) else EdgePhase.of(0.0)
+        return replace(start, own=np.empty(0), looked_for=COMMON)
+
+    def freed_by_wall(self, walls: int) -> 'EdgePhase':
+        """Return the same with p and q to be found."""
+        return replace(self.freed(), own=np.zeros(walls), looked_for=COMMON + walls)
+
+    def held(self) -> 'EdgePhase':
+        """Return the same with nothing to be found."""
+        return replace(self, looked_for=0)
+
+    def among(self, walls: int) -> 'EdgePhase':
+        """Return the same for so many walls: where one was added or is gone, their own numbers begin anew."""
+        return self if len(self.own) in (0, walls) else self.freed_by_wall(walls)
+
+    def moved(self, step: NDArray[np.float64]) -> 'EdgePhase':
+        """Return the same after a step of what is looked for."""
+        return replace(self, found=self.found + step[:COMMON], own=self.own + step[COMMON:])
+
+    @property
+    def numbers(self) -> NDArray[np.float64]:
+        """What is looked for [rad]."""
+        return np.concatenate((self.found, self.own))[:self.looked_for]
+
+    @property
+    def precision(self) -> NDArray[np.float64]:
+        """Prior precision of that [1 / rad^2]."""
+        deviations = np.concatenate((_COMMON_DEVIATIONS, np.full(len(self.own), _OWN_DEVIATION)))
+        return np.asarray(deviations[:self.looked_for] ** -2.0)
+
+    def log_prior(self) -> float:
+        """Return the log prior of what is looked for."""
+        return -0.5 * float(self.precision @ self.numbers**2)
+
+
+def cosines() -> NDArray[np.float64]:
+    """Cosines (m,) at which laws are tabulated."""
+    return np.linspace(0.0, 1.0, _ROWS)
+
+
+REAL = EdgePhase(np.empty(0), np.zeros(COMMON), np.empty(0))
+"""No delay: coefficients are real, as in the paper."""
+
+
+def laws(medium: MediumParameters) -> tuple[EdgePhase, ...]:
+    """Return the laws that are tried in a medium: a plate's free edge, and a constant delay either way."""
+    quarters = EdgePhase.of(0.5 * np.pi), EdgePhase.of(-0.5 * np.pi)
+    if medium.model != 'lamb_a0':
+        return quarters
+    return EdgePhase.of(free_edge_delay(cosines(), poisson_ratio(medium))), *quarters

@@ -1,0 +1,27 @@
+"""Reflections that turn the phase by less than makes the echoes disagree: one angle for all walls, then one for each."""
+
+from dataclasses import replace
+
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.tuning import EDGE_MISFIT, EDGE_PRICE, FULL_ORDER
+from polymap_ros.solvers.evidence.waveform import Wave
+
+
+def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with phases that reflections turn, where these are worth clearly more; first those common to
+    all walls, then each wall's own.
+    """
+    wave = standing.wave
+    if not ground.edges or len(wave.edge.own):
+        return None
+    least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
+    common = wave.edge.freed()
+    for edge in (common, common.freed_by_wall(len(wave.walls))):
+        if edge.looked_for == wave.edge.looked_for or ground.wave.gained(wave, edge, FULL_ORDER) < least:
+            continue
+        ground.checkpoint()
+        turned = ground.wave.refine(replace(wave, edge=edge, slopes=None), FULL_ORDER)
+        if turned is not None and turned.value > wave.value + least:
+            return turned
+    return None
