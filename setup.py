@@ -55,6 +55,7 @@ setup(
                  'catkin_pkg>=1.0,<2'],
         'fuzz': ['atheris>=2.3,<4'],
         'mutation': ['pytest-cov>=4,<8', 'pytest-timeout>=2.2,<3'],
+        'doc': ['sphinx>=8.1,<10', 'myst-parser>=4,<6', 'numpydoc>=1.9,<2', 'furo>=2024.8.6'],
         'lint': ['ruff>=0.17,<0.18', 'mypy>=2.4,<2.5', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={

@@ -2,6 +2,7 @@
 
 import errno
 from pathlib import Path
+from typing import NamedTuple
 
 _REMEDIES = {
     errno.ENOSPC: 'free some space there', errno.EDQUOT: 'free some space within the quota',
@@ -77,13 +78,56 @@ class BadOdometry(PolymapError):
     """One odometry message cannot be used; it is dropped and counted, never fatal."""
 
 
+class DropReason(NamedTuple):
+    """What it means that a ping was dropped.
+
+    Parameters
+    ----------
+    meaning : str
+        What was wrong, in general.
+    remedy : str
+        What to do about it; empty where the ping itself is to be mended.
+    """
+
+    meaning: str
+    remedy: str = ''
+
+
+_ODOMETRY_FOR_ALL = 'record odometry for as long as pings, stamped by the same clock'
+
+DROP_REASONS = {
+    'no_pose': DropReason("no odometry before or after the emission, or no place of the echo's frame on the robot "
+                          '(sensor.from_tf)', _ODOMETRY_FOR_ALL),
+    'pose_gap': DropReason('emitted within a gap of the odometry that is longer than odometry.max_gap_s',
+                           _ODOMETRY_FOR_ALL),
+    'stale': DropReason('emitted longer before the newest odometry than odometry.buffer_s', _ODOMETRY_FOR_ALL),
+    'queue_full': DropReason('the oldest of more waiting pings than odometry.queue_size, or than fit in memory',
+                             _ODOMETRY_FOR_ALL),
+    'off_plane': DropReason('the robot was tilted or lifted off the mapping plane by more than odometry.max_tilt_deg '
+                            'or odometry.max_height_m',
+                            'check the odometry, or set odometry.plane, max_tilt_deg and max_height_m'),
+    'duplicate': DropReason('a ping emitted at the same time has been taken before',
+                            'give every ping a stamp of its own'),
+    'bad_samples': DropReason('samples that are not finite, all alike, or beyond 1e-100 to 1e100; or more of them '
+                              'clipped or dropped out than front_end.max_bad'),
+    'bad_shape': DropReason('no row of samples with a period that can hold the pulse: fields are missing or '
+                            'contradict each other'),
+    'wrong_type': DropReason('no A-scan: another type than echo.type, or the scan of a lidar'),
+    'paused': DropReason('received while the node was paused (~/pause)', 'call ~/pause with false'),
+    'too_long': DropReason('more samples or range than a ping can have, or a gain (front_end.gain_db_s) that grows '
+                           'beyond all bounds over it'),
+    'too_short': DropReason('over before an echo from beyond the blanking would be'),
+}
+"""Why pings are dropped, by the reason that diagnostics and polygon.json count them under."""
+
+
 class BadPing(PolymapError):
     """One ping cannot be used; it is dropped and counted, never fatal.
 
     Parameters
     ----------
     reason : str
-        One of the drop reasons of the diagnostics, such as ``bad_samples``.
+        One of `DROP_REASONS`, such as ``bad_samples``.
     text : str
         The sentence for the log.
     """

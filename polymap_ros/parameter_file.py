@@ -30,13 +30,29 @@ def load_parameters(
     path: str | Path, overrides: Mapping[str, object] | None = None, node_name: str = NODE_NAME,
     warn: Callable[[str], None] = lambda text: None,
 ) -> Parameters:
-    """Read a ROS parameter file, and then `overrides` as of a command line; the result is checked as a whole.
+    """Read a ROS parameter file, and then what was given beside it; the result is checked as a whole.
 
     Keys ``node_name``, ``/ns/node_name`` (or nested, ``ns: node_name:``) and those whose ``*`` (one name) or ``**``
     (any number of them) stand for such are taken in the order of the file, as ROS does: what comes last counts. The
     namespace is that of the keys, if they are of one. Unknown names below ``/**`` or ``/*`` belong to other nodes and
     are left alone, and so are names outside our groups (``use_sim_time``); `warn` is told of those that look as if
     they were meant for us.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file; ``~`` is expanded.
+    overrides : mapping, optional
+        Values by full name, as of a command line; they count after the file's.
+    node_name : str, optional
+        Name of the node whose parameters are read.
+    warn : callable, optional
+        Takes a sentence.
+
+    Returns
+    -------
+    Parameters
+        Those of the file and the overrides, and the defaults of all others.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Every parameter once: name, default, unit, bounds, text, and whether it may change live.
 
-The node declares its ROS parameters from here, the tools read the same YAML, and the README's table is
-tested against it. A group is a frozen dataclass; `Parameters` is the tree of groups.
+The node declares its ROS parameters from here, the tools read the same YAML, and the documentation's tables are
+made of it. A group is a frozen dataclass; `Parameters` is the tree of groups.
 """
 
 import dataclasses
@@ -256,6 +256,13 @@ class SolverParameters(Group):
 @dataclass(frozen=True)
 class Parameters:
     """All parameters of polymap_ros; immutable, validated on construction.
+
+    `of` and `replaced` take values by name, ``parameters['solver.seed']`` gives one back.
+
+    Parameters
+    ----------
+    medium, pulse, echo, front_end, sensor, odometry, grid, free_area, solver, slam, map, output, topics : groups
+        Each with the parameters of that name.
 
     Raises
     ------

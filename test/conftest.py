@@ -8,6 +8,8 @@ import signal
 import tempfile
 from pathlib import Path
 
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # two processes of tests on two cores; before numpy is imported
+
 import numpy as np
 import pytest
 import shapely

@@ -14,7 +14,15 @@ FARTHEST_M = 1e9
 
 @dataclass(frozen=True)
 class Pose:
-    """Position [m] and heading [rad], counter-clockwise from x (REP-103)."""
+    """Position and heading.
+
+    Parameters
+    ----------
+    x, y : float
+        Position [m].
+    yaw : float
+        Heading [rad], counter-clockwise from x (REP-103).
+    """
 
     x: float
     y: float

@@ -8,7 +8,7 @@ from itertools import islice
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.cautions import Caution
-from polymap_ros.errors import BadOdometry, BadPing, RecordingError
+from polymap_ros.errors import DROP_REASONS, BadOdometry, BadPing, RecordingError
 from polymap_ros.hearing.clocks import NOT_STAMPED
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
@@ -26,12 +26,6 @@ _MANY = 1 / 3
 pause, or the start of a recording, costs."""
 
 _WITHOUT_POSE = ('no_pose', 'pose_gap', 'stale', 'queue_full')
-_REMEDIES = {
-    **dict.fromkeys(_WITHOUT_POSE, 'record odometry for as long as pings, stamped by the same clock'),
-    'off_plane': 'check the odometry, or set odometry.plane, max_tilt_deg and max_height_m',
-    'duplicate': 'give every ping a stamp of its own',
-}
-"""What to do about pings that were dropped, where that is not their own fault."""
 
 _OF_PARAMETERS = {
     'pulse.path': "resample the pulse to the echoes' rate",
@@ -40,7 +34,7 @@ _OF_PARAMETERS = {
     'front_end.band_': 'set front_end.band_low_hz and band_high_hz so that the pulse passes',
     'cannot hold a pulse': 'check the sample period in the messages, or echo.sample_period_s, and pulse.frequency_hz',
 }
-"""The same by what the sentence of a dropped ping names, where a parameter is at fault."""
+"""What to do about dropped pings by what their sentence names, where a parameter is at fault."""
 
 
 @dataclass
@@ -148,7 +142,8 @@ class Replay:
         number = sum(counts.dropped.values())
         of = 'all pings' if number == counts.received else f'{number} of {counts.received} pings'
         said = self._mapper.intake.last_drop_texts.get(reason, '')
-        remedy = next((each for name, each in _OF_PARAMETERS.items() if name in said), _REMEDIES.get(reason, ''))
+        known = DROP_REASONS.get(reason)  # a saved state may count others
+        remedy = next((each for name, each in _OF_PARAMETERS.items() if name in said), known.remedy if known else '')
         text = f'{of} were dropped, most as {reason}: {said.removesuffix(f"; {remedy}")}'
         blamed = [each for each in found if each.code == 'odometry_dropped' and reason in _WITHOUT_POSE]
         return Caution('pings_dropped', text, blamed[0].text if blamed else remedy)

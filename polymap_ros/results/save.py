@@ -1,4 +1,4 @@
-"""What a run leaves behind: the files of interface.md, for the replay and for the node's save service."""
+"""What a run leaves behind, for the replay and for the node's save service."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path

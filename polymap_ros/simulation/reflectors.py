@@ -2,7 +2,7 @@
 
 Every sequence of walls is tried, and its path traced back with all walls in the way: m walls and order k take about
 m^k paths of up to m crossings each, so this is for a handful of walls and low orders. In a convex room
-`acoustics.image_sources` gives the same images to any order, far quicker.
+`geometry.image_sources` gives the same images to any order, far quicker.
 """
 
 from dataclasses import dataclass

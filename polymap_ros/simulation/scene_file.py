@@ -59,6 +59,11 @@ def load_scene(name: str | Path, read_path: ReadPath | None = None) -> Scene:
     read_path : callable, optional
         What reads a trajectory's recording; without it such a trajectory is refused.
 
+    Returns
+    -------
+    Scene
+        Its `vertices` and `poses` are the truth, `parameters` what a mapper is to be told.
+
     Raises
     ------
     SceneError

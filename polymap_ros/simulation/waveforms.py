@@ -26,10 +26,26 @@ Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ND
 
 
 def simulate(scene: Scene | str, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    """Samples of every ping of a scene, shape (T, n_samples): eq. (1) with the scene's gains, clutter and noise.
+    """Samples of every ping of a scene: eq. (1) with the scene's gains, clutter and noise.
 
-    A scene's name, or its file's, will do. `clean` takes the place of what `noise_free` gives, where other echoes are
-    to be heard. Clutter is the same in every ping, and does not count for the SNR.
+    Clutter is the same in every ping, and does not count for the SNR.
+
+    Parameters
+    ----------
+    scene : Scene or str
+        A scene; its name, or its file's, will do.
+    clean : ndarray, shape (T, n_samples), optional
+        Takes the place of what `noise_free` gives, where other echoes are to be heard.
+
+    Returns
+    -------
+    ndarray, shape (T, n_samples)
+        The A-scans, a row per ping.
+
+    Raises
+    ------
+    SceneError
+        For a scene that is unknown or cannot be.
     """
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     clean = noise_free(scene) if clean is None else clean

@@ -74,9 +74,16 @@ _SHOWN = 6
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A closed polygon: counter-clockwise vertices (n, 2) [m]; edge i runs from vertex i to vertex i + 1.
+    """A closed polygon.
 
-    `covariance` (2 n, 2 n) is that of r and theta of edge 0, edge 1, ...; None where only each edge's own is known.
+    Parameters
+    ----------
+    vertices : ndarray, shape (n, 2)
+        Corners [m], counter-clockwise.
+    edges : tuple of Edge
+        Edge i runs from vertex i to vertex i + 1.
+    covariance : ndarray or None, shape (2 n, 2 n)
+        That of r and theta of edge 0, edge 1, ...; None where only each edge's own is known.
     """
 
     vertices: NDArray[np.float64]
@@ -183,10 +190,18 @@ class Estimate:
         The solver that answered.
     stamp_ns : int
         Stamp of the newest ping used [ns].
+    polygon : Candidate or None
+        The answer where one closes.
+    walls : tuple of Edge
+        Where none closes, the walls that are certain.
+    alternatives : tuple of Candidate
+        The polygons that fit where several do.
     cost : float or None
         Eq. (5), or the method's own objective; None where there is none.
     iou_free_area : float or None
         IoU of the polygon with the free area A_T.
+    cautions : tuple of Caution
+        What the user must know about the answer.
     trajectory : Trajectory or None
         The poses where they were estimated; None where the reported ones explain the echoes.
     """

@@ -16,7 +16,7 @@ from polymap_ros.recordings import outcome
 from polymap_ros.recordings.reading import Recording
 from polymap_ros.recordings.writing import RecordingWriter, typestore
 
-README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
+ROS_PAGE = (Path(__file__).parents[2] / 'doc' / 'ros.md').read_text(encoding='utf-8')
 POLYGON, MARKERS, BEAM_MAP, MAP, PATH, POSE = (
     f'/polymap_node/{name}' for name in ('polygon', 'markers', 'beam_map', 'map', 'path', 'pose'))
 SECOND_NS = 10**9
@@ -86,7 +86,7 @@ def answer(folder):
 
 
 def test_it_holds_the_topics_of_the_node_and_the_odometry(record):
-    outputs = README.split('\n## Outputs')[1].split('\n## ')[0]
+    outputs = ROS_PAGE.split('\n## Outputs')[1].split('\n## ')[0]
     rows = re.findall(r'^\| `(\S+)` \| `(\S+/msg/\S+)` \|', outputs, re.MULTILINE)
     assert record.types == {'/odom': 'nav_msgs/msg/Odometry', **{
         name.replace('~', '/polymap_node'): kind for name, kind in rows}}

@@ -1,6 +1,6 @@
 """polymap.rviz and polymap.foxglove.json: their topics are those that result.mcap holds, as what they take them for.
 
-The programs themselves cannot run here. That the node publishes the same topics is in test/node/test_readme_tables.py.
+The programs themselves cannot run here. That the node publishes the same topics is in test/node/test_ros_page.py.
 """
 
 import importlib

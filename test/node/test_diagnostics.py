@@ -1,6 +1,7 @@
 """The reasons that the diagnostics give in words are true, and what is no polygon is never published as one."""
 
 import dataclasses
+import itertools
 import os
 import signal
 
@@ -146,19 +147,33 @@ def test_solver_that_is_behind_is_told(peer, start, riding):
 
 
 def test_messages_that_the_middleware_lost_are_counted(peer, start, riding):
-    """Best effort, and a node that is stopped for longer than its socket's buffer lasts."""
+    """Best effort, and a node that is stopped for longer than its socket's buffer lasts.
+
+    On a loaded machine that may be longer than the lease of its discovery, too, and then nothing of it was lost: again.
+    """
     node = start()
     values, ride = peer.diagnostics(), riding()
     ride.pose(SECOND_NS, 0)
     peer.spin_until(lambda: values().get('odometry received') == '1', 'the pose')
-    os.kill(node.popen.pid, signal.SIGSTOP)
-    for k in range(1000):
-        ride.ping(2 * SECOND_NS + k, ride.samples[0])
-    os.kill(node.popen.pid, signal.SIGCONT)
-    numbers = iter(range(10**6))
+    stamps = iter(range(2 * SECOND_NS, 3 * SECOND_NS))
+
+    def sent(count):
+        for _ in range(count):
+            ride.ping(next(stamps), ride.samples[0])
+
+    def stopped():
+        os.kill(node.popen.pid, signal.SIGSTOP)
+        sent(400)
+        os.kill(node.popen.pid, signal.SIGCONT)
+        return itertools.repeat(1, 100)
+
+    rounds = iter(())
 
     def noticed():  # with the next message that comes through
-        ride.ping(10 * SECOND_NS + next(numbers), ride.samples[0])
+        nonlocal rounds
+        if next(rounds, None) is None:
+            rounds = stopped()
+        sent(1)
         return values()['echoes lost'] != '0'
 
     peer.spin_until(noticed, 'lost echoes in the diagnostics')

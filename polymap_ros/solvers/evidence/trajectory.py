@@ -1,6 +1,6 @@
 """The poses as unknowns, beside the walls: one parameter vector, of which the frame is held.
 
-A vector holds the walls' numbers, then x, y and yaw of pose after pose; nothing outside of this file knows that.
+A vector holds the walls' numbers, then x, y and yaw of pose after pose. Outside of this file only `path` knows that.
 """
 
 from collections.abc import Callable

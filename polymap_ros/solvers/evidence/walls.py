@@ -1,6 +1,6 @@
 """The walls as unknowns: three numbers each, r [m], theta [rad] and ln |rho|, as one block of a parameter vector.
 
-A vector holds r of all walls, then theta, then ln |rho|; nothing outside of this file knows that.
+A vector holds r of all walls, then theta, then ln |rho|. The likelihoods fill its columns in that order.
 """
 
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""README's tables of topics and services are what a running node offers."""
+"""The tables of topics and services in doc/ros.md are what a running node offers."""
 
 import re
 from pathlib import Path
@@ -7,13 +7,13 @@ from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from polymap_ros.parameters import A_SCAN_TYPES
 
-README = (Path(__file__).parents[2] / 'README.md').read_text(encoding='utf-8')
+PAGE = (Path(__file__).parents[2] / 'doc' / 'ros.md').read_text(encoding='utf-8')
 ROS_OWN = ('/rosout', '/parameter_events')
 
 
 def table(heading):
-    """{name: type} of the first table below a heading whose rows begin with two words in backquotes."""
-    rows = re.findall(r'^\| `(\S+)` \| (.+?) \|', README.split(heading)[1].split('\n## ')[0], re.MULTILINE)
+    """{name: type} of the tables below a heading whose rows begin with a word in backquotes."""
+    rows = re.findall(r'^\| `(\S+)` \| (.+?) \|', PAGE.split(heading)[1].split('\n## ')[0], re.MULTILINE)
     return {name.replace('~', '/polymap_node'): kind.strip('`') for name, kind in rows}
 
 
@@ -24,9 +24,7 @@ def offered(pairs):
 def test_outputs_inputs_and_services(start, peer):
     start()
     node = ('polymap_node', '/')
-    promised = table('## Outputs')
-    topics = {name: kind for name, kind in promised.items() if '/srv/' not in kind}
-    services = {name: kind for name, kind in promised.items() if '/srv/' in kind}
+    topics, services = table('## Outputs'), table('## Services')
 
     def complete():
         names = peer.node.get_node_names_and_namespaces()
