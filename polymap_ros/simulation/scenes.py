@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from polymap_ros.errors import SceneError
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import EchoParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped
 
@@ -45,6 +46,8 @@ class Scene:
         What the mapper is told instead of `medium`, where it is to be wrong.
     faults : Faults
         What device and odometry do wrong.
+    edges : Edges
+        What a reflection does to the phase.
     sample_rate_hz : float
         Sample rate [Hz].
     n_samples : int
@@ -57,12 +60,6 @@ class Scene:
         Highest order of the image sources.
     reflection : array_like, shape (n,), or float
         Reflection coefficient of each edge, signed; edge i runs from vertex i to vertex i + 1.
-    edge : str
-        ``real``, or ``free``: every reflection turns the phase as a plate's free edge does.
-    edge_poisson : float
-        Poisson's ratio for that.
-    edge_delay_deg : float or array_like, shape (n,)
-        By how much more every reflection, or each edge's, delays the phase [deg].
     seed : int
         Seed of noise, gains and position errors, which are drawn from streams of their own.
     ping_period_s : float
@@ -90,9 +87,6 @@ class Scene:
     snr_db: float | None = 0.0
     order: int = 5
     reflection: ArrayLike = 1.0
-    edge: str = 'real'
-    edge_poisson: float = 0.33
-    edge_delay_deg: ArrayLike = 0.0
     seed: int = 1
     ping_period_s: float = 0.5
     odometry_rate_hz: float = 20.0
@@ -101,6 +95,7 @@ class Scene:
     recorded_pulse: NDArray[np.float64] | None = None
     told_medium: MediumParameters | None = None
     faults: Faults = field(default_factory=Faults)
+    edges: Edges = field(default_factory=Edges)
 
     def __post_init__(self) -> None:
         if self.recorded_pulse is not None:

@@ -12,7 +12,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.jit import kernel
-from polymap_ros.simulation.edges import delayed
+from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
 from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
@@ -22,7 +22,8 @@ BAND_FLOOR = 1e-3
 
 
 Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there."""
+"""From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there;
+complex where edges turn the phase."""
 
 
 def simulate(scene: Scene | str, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -83,7 +84,10 @@ def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]
     paths = []
     for emitter, receiver in zip(*scene.ends, strict=True):
         images = visible_images(scene.vertices, emitter, scene.order, scene.reflection, receiver)
-        amplitude = images.amplitude * delayed(scene, images, receiver)
+        amplitude = images.amplitude
+        if scene.edges != Edges():
+            generator = scene.generator(EDGES_STREAM)
+            amplitude = amplitude * np.exp(-1j * delays(scene.edges, generator, scene.vertices, images, receiver))
         paths.append((np.hypot(images.distance_m, scene.sensor.baseline_z_m), amplitude))
     return paths
 

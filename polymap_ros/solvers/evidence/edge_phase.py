@@ -1,4 +1,4 @@
-r"""What every reflection does to the phase: a delay common to all walls, by the angle of incidence, and each wall's own.
+r"""What every reflection does to the phase: a delay by the angle of incidence, common to all walls, and each's own.
 
 A wall's coefficient is rho exp(-j D), rho real and signed, and
 
@@ -121,8 +121,11 @@ REAL = EdgePhase(np.empty(0), np.zeros(COMMON), np.empty(0))
 
 
 def laws(medium: MediumParameters) -> tuple[EdgePhase, ...]:
-    """Return the laws that are tried in a medium: a plate's free edge, and a constant delay either way."""
+    """Return the laws that are tried, in this order, the next ones where the first leaves much unexplained."""
+    if medium.edge == 'real':
+        return REAL,
     quarters = EdgePhase.of(0.5 * np.pi), EdgePhase.of(-0.5 * np.pi)
     if medium.model != 'lamb_a0':
-        return quarters
-    return EdgePhase.of(free_edge_delay(cosines(), poisson_ratio(medium))), *quarters
+        return REAL, *quarters
+    free = EdgePhase.of(free_edge_delay(cosines(), poisson_ratio(medium)))
+    return (free,) if medium.edge == 'free' else (REAL, free, *quarters)

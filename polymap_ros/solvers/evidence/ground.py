@@ -43,7 +43,7 @@ class Ground:
     checkpoint : callable
         Called between the steps of long work.
     edges : sequence of EdgePhase
-        Laws by which walls may turn the phase, tried where real coefficients do not explain the echoes.
+        Laws by which walls may turn the phase, tried in this order.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Ground:
 
     def __init__(
         self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True,
-        dispersed: bool = False, checkpoint: Checkpoint = unwatched, edges: Sequence[EdgePhase] = (),
+        dispersed: bool = False, checkpoint: Checkpoint = unwatched, edges: Sequence[EdgePhase] = (REAL,),
     ) -> None:
         self.edges = edges
         self.data, self.max_edges, self.generator = data, max_edges, generator
@@ -79,16 +79,17 @@ class Ground:
     def aligned(self, power: Power, edge: EdgePhase | None = None) -> Wave | None:
         """Return the waveform's maximum near refined walls of power, from the first order up.
 
-        By the law of `edge`; where none is given by real coefficients, or where these leave much unexplained by a law
-        of `edges` that is worth clearly more.
+        By the law of `edge`; where none is given by the first of `edges`, or where that leaves much unexplained by one
+        of the others that is worth clearly more.
         """
         if edge is not None:
             return self._aligned(power, edge)
-        real = self._aligned(power, REAL)
-        if not self.edges or (real is not None and self.explained(real, EXPLAINED) > EXPLAINED - self.uncertainty):
-            return real
-        best, least = real, -np.inf if real is None else real.value + EDGE_PRICE
-        for law in self.edges:
+        first, *others = self.edges
+        best = self._aligned(power, first if first is REAL else first.freed())
+        if not others or (best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty):
+            return best
+        least = -np.inf if best is None else best.value + EDGE_PRICE
+        for law in others:
             self.checkpoint()
             turned = self._aligned(power, law.freed())
             if turned is not None and turned.value > least:

@@ -289,7 +289,7 @@ def search_of(evidence: Evidence, parameters: Parameters, checkpoint: Checkpoint
     generator = np.random.default_rng(parameters.solver.seed)
     coherent = parameters.echo.kind == 'rf'
     dispersed = not coherent and parameters.medium.model == 'lamb_a0'
-    edges = laws(parameters.medium) if coherent else ()
+    edges = laws(parameters.medium)
     return Search(data, parameters.solver.max_edges, generator, coherent, dispersed, checkpoint, edges)
 
 

@@ -88,8 +88,8 @@ EXPLAINED = 0.95
 right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it is 0.91, and most wrong ones less."""
 
 EDGE_PRICE = 50.0
-"""Nats from which the edges turn the phase, by one of the laws: its three numbers cost 17; a free edge's is worth tens of
-thousands."""
+"""Nats from which the edges turn the phase, by one of the laws: its three numbers cost 17; a free edge's is worth tens
+of thousands."""
 
 EDGE_MISFIT = 0.01
 """Share of the log likelihood that phases of reflections have to bring, where that is more than `EDGE_PRICE`: on scenes

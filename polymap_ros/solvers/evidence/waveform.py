@@ -150,10 +150,7 @@ class WaveformLikelihood:
         return Wave(walls, phase, value, amplitudes, slopes, like.edge)
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
-        """Return what L would gain by what is looked for of `edge`, by the parabola about where its walls have settled.
-
-        The walls follow.
-        """
+        """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
         _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
         slopes = self._at(corners, wave.walls, replace(wave, edge=edge), order, True).slopes
         assert slopes is not None, 'derivatives were asked for'

@@ -1,7 +1,8 @@
-"""Reflections that turn the phase by less than makes the echoes disagree: one angle for all walls, then one for each."""
+"""Reflections that turn the phase by less than makes the echoes disagree: alike at all walls, then each by its own."""
 
 from dataclasses import replace
 
+from polymap_ros.solvers.evidence.edge_phase import REAL
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import EDGE_MISFIT, EDGE_PRICE, FULL_ORDER
@@ -13,7 +14,7 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
     all walls, then each wall's own.
     """
     wave = standing.wave
-    if not ground.edges or len(wave.edge.own):
+    if ground.edges == (REAL,) or len(wave.edge.own):
         return None
     least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
     common = wave.edge.freed()
