@@ -4,7 +4,7 @@ A wall's coefficient is rho exp(-j D), rho real and signed, and
 
     D_w(s) = D_0(s) + p_0 + p_1 s^2 + p_2 s^4 + q_w,   s the sine of the angle of incidence,
 
-D_0 a law that is known, such as that of a plate's free edge, and p and q what is found. A phase that is constant is not
+D_0 a law that is known, such as that of a plate's free edge, and p and q what is found, q with the walls. A phase that is constant is not
 a free edge's, which goes from 90 deg to 35 deg at s = 0.8; with its law, p mends what is not known of the plate.
 """
 
@@ -32,7 +32,7 @@ _OWN_DEVIATION = 0.5
 
 @dataclass(frozen=True, eq=False)
 class EdgePhase:
-    """D as a function of the cosine of the angle of incidence, wall by wall.
+    """What is common to all walls of D, as a function of the cosine of the angle of incidence.
 
     Parameters
     ----------
@@ -40,21 +40,19 @@ class EdgePhase:
         D_0 at cosines from 0 to 1, evenly spaced [rad]; empty where nothing turns the phase.
     found : ndarray, shape (3,)
         p [rad].
-    own : ndarray, shape (n,)
-        q [rad]; empty where the walls have none of their own.
-    looked_for : int
-        Numbers that are looked for: 0, those of p, or with q all of them.
+    free, by_wall : bool
+        Whether p is looked for, and with it q.
     """
 
     law: NDArray[np.float64]
     found: NDArray[np.float64]
-    own: NDArray[np.float64]
-    looked_for: int = 0
+    free: bool = False
+    by_wall: bool = False
 
     @classmethod
     def of(cls, law: NDArray[np.float64] | float) -> 'EdgePhase':
         """Return a law (m,), or one delay [rad] at all angles, of which nothing is looked for."""
-        return cls(np.broadcast_to(np.asarray(law, float), (_ROWS,)), np.zeros(COMMON), np.empty(0))
+        return cls(np.broadcast_to(np.asarray(law, float), (_ROWS,)), np.zeros(COMMON))
 
     @cached_property
     def table(self) -> NDArray[np.float64]:
@@ -69,46 +67,30 @@ class EdgePhase:
         """D at normal incidence, but for q."""
         return float(self.table[-1]) if len(self.law) else 0.0
 
-    @property
-    def free(self) -> bool:
-        """Whether anything is looked for."""
-        return self.looked_for > 0
-
-    def freed(self) -> 'EdgePhase':
-        """Return the same with p to be found."""
-        start = self if len(self.law) else EdgePhase.of(0.0)
-        return replace(start, own=np.empty(0), looked_for=COMMON)
-
-    def freed_by_wall(self, walls: int) -> 'EdgePhase':
-        """Return the same with p and q to be found."""
-        return replace(self.freed(), own=np.zeros(walls), looked_for=COMMON + walls)
+    def freed(self, by_wall: bool = False) -> 'EdgePhase':
+        """Return the same with p, or p and q, to be found."""
+        return replace(self if len(self.law) else EdgePhase.of(0.0), free=True, by_wall=by_wall)
 
     def held(self) -> 'EdgePhase':
         """Return the same with nothing to be found."""
-        return replace(self, looked_for=0)
+        return replace(self, free=False, by_wall=False)
 
-    def among(self, walls: int) -> 'EdgePhase':
-        """Return the same for so many walls: where one was added or is gone, their own numbers begin anew."""
-        return self if len(self.own) in (0, walls) else self.freed_by_wall(walls)
+    def own(self, delay: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the part (n,) of the walls' `delay` that counts: all of it, or nothing."""
+        return delay if self.by_wall else delay[:0]
 
-    def moved(self, step: NDArray[np.float64]) -> 'EdgePhase':
-        """Return the same after a step of what is looked for."""
-        return replace(self, found=self.found + step[:COMMON], own=self.own + step[COMMON:])
+    def sought(self, delay: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what is looked for [rad]: p, and q where that is."""
+        return np.concatenate((self.found, self.own(delay))) if self.free else np.empty(0)
 
-    @property
-    def numbers(self) -> NDArray[np.float64]:
-        """What is looked for [rad]."""
-        return np.concatenate((self.found, self.own))[:self.looked_for]
+    def precision(self, walls: int) -> NDArray[np.float64]:
+        """Return the prior precision of that [1 / rad^2]."""
+        deviations = np.concatenate((_COMMON_DEVIATIONS, np.full(walls if self.by_wall else 0, _OWN_DEVIATION)))
+        return np.asarray(deviations ** -2.0) if self.free else np.empty(0)
 
-    @property
-    def precision(self) -> NDArray[np.float64]:
-        """Prior precision of that [1 / rad^2]."""
-        deviations = np.concatenate((_COMMON_DEVIATIONS, np.full(len(self.own), _OWN_DEVIATION)))
-        return np.asarray(deviations[:self.looked_for] ** -2.0)
-
-    def log_prior(self) -> float:
+    def log_prior(self, delay: NDArray[np.float64]) -> float:
         """Return the log prior of what is looked for."""
-        return -0.5 * float(self.precision @ self.numbers**2)
+        return -0.5 * float(self.precision(len(delay)) @ self.sought(delay) ** 2)
 
 
 def cosines() -> NDArray[np.float64]:
@@ -116,7 +98,7 @@ def cosines() -> NDArray[np.float64]:
     return np.linspace(0.0, 1.0, _ROWS)
 
 
-REAL = EdgePhase(np.empty(0), np.zeros(COMMON), np.empty(0))
+REAL = EdgePhase(np.empty(0), np.zeros(COMMON))
 """No delay: coefficients are real, as in the paper."""
 
 

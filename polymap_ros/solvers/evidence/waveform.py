@@ -26,7 +26,7 @@ from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import first_orders
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
-from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase
+from polymap_ros.solvers.evidence.edge_phase import COMMON, REAL, EdgePhase
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.wave_sums import Echoes, Sums, add_up, predict
@@ -128,36 +128,39 @@ class WaveformLikelihood:
         outline, corners = corners_of(walls.lines, self.data.shortest_m)
         if not outline:
             return None
-        like = replace(like, edge=like.edge.among(len(walls)))
+        if like.edge.by_wall and not len(walls.delay):
+            walls = replace(walls, delay=np.zeros(len(walls)))
         here = self._at(corners, walls, like, order, derive or like.edge.free)
         if not like.edge.free:
             return here
         assert here.slopes is not None, 'derivatives were asked for'
-        better = self._at(corners, walls, replace(here, edge=_mended(here.edge, here.slopes)), order, derive)
+        edge, walls = _mended(here.edge, walls, here.slopes)
+        better = self._at(corners, walls, replace(here, edge=edge), order, derive)
         return better if better.value > here.value else here
 
     def _at(self, corners: NDArray[np.float64], walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
         """Return L at the device's phase that fits best, near that of another, and its `edge`."""
-        sums = self._sums(corners, order, walls.reflection, like.edge, derive)
+        sums = self._sums(corners, order, walls, like.edge, derive)
         v, phase = np.maximum(sums.v, 1e-300), like.phase
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
             if np.any(agreeing):
                 phase = float(np.angle(np.sum(sums.u * agreeing / v)))
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
-        value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior()
+        value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior(walls.delay)
         slopes = _slopes(sums, v, amplitudes, phase) if derive else None
         return Wave(walls, phase, value, amplitudes, slopes, like.edge)
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
         """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
         _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        slopes = self._at(corners, wave.walls, replace(wave, edge=edge), order, True).slopes
+        walls = replace(wave.walls, delay=np.zeros(len(wave.walls))) if edge.by_wall else wave.walls
+        slopes = self._at(corners, walls, replace(wave, edge=edge), order, True).slopes
         assert slopes is not None, 'derivatives were asked for'
-        gradient, about = _about_edge(edge, slopes)
-        across, walls = wave.walls.by_phase(slopes), wave.walls.information(slopes)
-        walls[wave.walls.quiet, wave.walls.quiet] += 1.0
-        about -= across.T @ np.linalg.lstsq(walls, across, rcond=1e-9)[0]
+        gradient, about = _about_edge(edge, walls, slopes)
+        across, information = walls.by_phase(slopes), walls.information(slopes)
+        information[walls.quiet, walls.quiet] += 1.0
+        about -= across.T @ np.linalg.lstsq(information, across, rcond=1e-9)[0]
         return 0.5 * float(gradient @ np.linalg.lstsq(about, gradient, rcond=1e-9)[0])
 
     def shares(self, wave: Wave, order: int) -> NDArray[np.float64]:
@@ -165,14 +168,14 @@ class WaveformLikelihood:
         outline, corners = corners_of(wave.walls.lines, self.data.shortest_m)
         if not outline:
             return np.zeros(len(self.data.positions))
-        sums = self._sums(corners, order, wave.walls.reflection, wave.edge, False)
+        sums = self._sums(corners, order, wave.walls, wave.edge, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
         return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
 
     def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
         """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
         _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        sums = self._sums(corners, order, wave.walls.reflection, wave.edge, True)
+        sums = self._sums(corners, order, wave.walls, wave.edge, True)
         v = np.maximum(sums.v, 1e-300)
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
         return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
@@ -182,15 +185,15 @@ class WaveformLikelihood:
         return climb(self, self.evaluate(start.walls, start, order, derive=True), order, iterations)
 
     def _sums(
-        self, corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64], edge: EdgePhase, derive: bool
+        self, corners: NDArray[np.float64], order: int, walls: Walls, edge: EdgePhase, derive: bool
     ) -> Sums:
         pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
-        more = edge.looked_for if derive else 0
+        more = len(edge.sought(walls.delay)) if derive else 0
         sums = Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
                     np.zeros((pings, size)), np.zeros((pings, size, size)), np.zeros((pings, more), complex),
                     np.zeros((pings, more)), np.zeros((pings, more)), np.zeros((pings, more, more)),
                     np.zeros((pings, size, more)))
-        add_up(corners, order, self._heard, reflection, edge.table, edge.own, derive, sums)
+        add_up(corners, order, self._heard, walls.reflection, edge.table, edge.own(walls.delay), derive, sums)
         return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
@@ -202,7 +205,7 @@ class WaveformLikelihood:
         heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
         predicted = np.zeros_like(heard, dtype=complex)
         predict(corners, order, self._heard, data.cell_m, wave.walls.reflection, wave.edge.table,
-                wave.edge.own, wave.amplitudes * np.exp(1j * wave.phase), predicted)
+                wave.edge.own(wave.walls.delay), wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
 
 
@@ -232,15 +235,19 @@ def _slopes(sums: Sums, v: NDArray[np.float64], amplitudes: NDArray[np.float64],
     return Slopes(scores, information, np.concatenate((by_phase, across), axis=2), about_phase, edge_scores)
 
 
-def _mended(edge: EdgePhase, slopes: Slopes) -> EdgePhase:
-    """Return the numbers of `edge_phase` after a step of Gauss and Newton at fixed walls, the device's phase free."""
-    gradient, about = _about_edge(edge, slopes)
-    step = np.linalg.lstsq(about, gradient, rcond=1e-12)[0][1:]
-    return edge.moved(np.clip(step, -_FARTHEST_RAD, _FARTHEST_RAD))
+def _mended(edge: EdgePhase, walls: Walls, slopes: Slopes) -> tuple[EdgePhase, Walls]:
+    """Return the phases of reflections after a step of Gauss and Newton at fixed lines, the device's phase free."""
+    gradient, about = _about_edge(edge, walls, slopes)
+    step = np.clip(np.linalg.lstsq(about, gradient, rcond=1e-12)[0][1:], -_FARTHEST_RAD, _FARTHEST_RAD)
+    more = step[COMMON:]
+    return replace(edge, found=edge.found + step[:COMMON]), (
+        replace(walls, delay=walls.delay + more) if len(more) else walls)
 
 
-def _about_edge(edge: EdgePhase, slopes: Slopes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _about_edge(
+    edge: EdgePhase, walls: Walls, slopes: Slopes
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return gradient (q,) and information (q, q) about the phases with the prior; the device's is at its best."""
-    about = slopes.phase.sum(axis=0)
-    about[1:, 1:] += np.diag(edge.precision)
-    return np.concatenate(((0.0,), slopes.by_edge.sum(axis=0) - edge.numbers * edge.precision)), about
+    about, precision = slopes.phase.sum(axis=0), edge.precision(len(walls))
+    about[1:, 1:] += np.diag(precision)
+    return np.concatenate(((0.0,), slopes.by_edge.sum(axis=0) - edge.sought(walls.delay) * precision)), about

@@ -14,12 +14,12 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
     all walls, then each wall's own.
     """
     wave = standing.wave
-    if ground.edges == (REAL,) or len(wave.edge.own):
+    if ground.edges == (REAL,) or wave.edge.by_wall:
         return None
     least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
-    common = wave.edge.freed()
-    for edge in (common, common.freed_by_wall(len(wave.walls))):
-        if edge.looked_for == wave.edge.looked_for or ground.wave.gained(wave, edge, FULL_ORDER) < least:
+    for by_wall in (False, True):
+        edge = wave.edge.freed(by_wall)
+        if (wave.edge.free and not by_wall) or ground.wave.gained(wave, edge, FULL_ORDER) < least:
             continue
         ground.checkpoint()
         turned = ground.wave.refine(replace(wave, edge=edge, slopes=None), FULL_ORDER)
