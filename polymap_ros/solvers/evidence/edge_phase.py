@@ -4,8 +4,9 @@ A wall's coefficient is rho exp(-j D), rho real and signed, and
 
     D_w(s) = D_0(s) + p_0 + p_1 s^2 + p_2 s^4 + q_w,   s the sine of the angle of incidence,
 
-D_0 a law that is known, such as that of a plate's free edge, and p and q what is found, q with the walls. A phase that is constant is not
-a free edge's, which goes from 90 deg to 35 deg at s = 0.8; with its law, p mends what is not known of the plate.
+D_0 a law that is known, such as that of a plate's free edge, and p and q what is found, q with the walls (`Walls`). A
+phase that is constant is not a free edge's, which goes from 90 deg to 35 deg at s = 0.8; with its law, p mends what is
+not known of the plate.
 """
 
 from dataclasses import dataclass, replace

@@ -12,7 +12,7 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase
 from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
 from polymap_ros.solvers.evidence.tuning import (
-    EDGE_PRICE,
+    EDGE_WORTH,
     ENOUGH,
     EXPLAINED,
     FEW,
@@ -80,7 +80,7 @@ class Ground:
         """Return the waveform's maximum near refined walls of power, from the first order up.
 
         By the law of `edge`; where none is given by the first of `edges`, or where that leaves much unexplained by one
-        of the others that is worth clearly more.
+        of the others that is worth far more.
         """
         if edge is not None:
             return self._aligned(power, edge)
@@ -88,7 +88,7 @@ class Ground:
         best = self._aligned(power, first if first is REAL else first.freed())
         if not others or (best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty):
             return best
-        least = -np.inf if best is None else best.value + EDGE_PRICE
+        least = -np.inf if best is None else EDGE_WORTH * best.value
         for law in others:
             self.checkpoint()
             turned = self._aligned(power, law.freed())

@@ -64,7 +64,7 @@ class Found(NamedTuple):
 
 
 SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
-    (turn_phase, np.inf),  # before what a phase makes of a wall is put down to its place
+    (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
     (drop_wall, np.inf),
     (add_from_residual, ALL_EXPLAINED),

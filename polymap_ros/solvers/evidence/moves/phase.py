@@ -5,7 +5,7 @@ from dataclasses import replace
 from polymap_ros.solvers.evidence.edge_phase import REAL
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.standing import Standing
-from polymap_ros.solvers.evidence.tuning import EDGE_MISFIT, EDGE_PRICE, FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import EDGE_MISFIT, EDGE_PRICE, EXPLAINED, FULL_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave
 
 
@@ -14,7 +14,8 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
     all walls, then each wall's own.
     """
     wave = standing.wave
-    if ground.edges == (REAL,) or wave.edge.by_wall:
+    known = ground.edges == (REAL,) or wave.edge.by_wall
+    if known or standing.explained < EXPLAINED:  # below, it may be a wall that is wrong
         return None
     least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
     for by_wall in (False, True):
@@ -24,5 +25,7 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
         ground.checkpoint()
         turned = ground.wave.refine(replace(wave, edge=edge, slopes=None), FULL_ORDER)
         if turned is not None and turned.value > wave.value + least:
-            return turned
+            # It may only have led the walls on.
+            plain = ground.wave.refine(replace(turned, edge=wave.edge, slopes=None), FULL_ORDER)
+            return plain if plain is not None and plain.value > turned.value - least else turned
     return None
