@@ -52,7 +52,14 @@ class MediumParameters(Group):
     spreading_exponent: float = parameter(
         -1.0, 'amplitude ~ distance**-exponent; negative: 0.5 for lamb_a0, 1.0 for constant', maximum=10.0)
 
+    edge: str = parameter(
+        'any', "what a reflection does to the phase; any: nothing, or where that does not explain the echoes an angle "
+        "that is found; real: nothing, as in the paper; free: what a plate's free edge does, by the angle of incidence",
+        choices=('any', 'real', 'free'))
+
     def check(self) -> None:
+        if self.edge == 'free' and self.model != 'lamb_a0':
+            raise ParameterError('medium.edge', f"{self.edge!r} is for medium.model 'lamb_a0'; found {self.model!r}")
         if self.model == 'lamb_a0' and self.shear_speed_m_s >= self.longitudinal_speed_m_s:
             raise ParameterError('medium.shear_speed_m_s',
                                  f'{self.shear_speed_m_s!r} is not below medium.longitudinal_speed_m_s '

@@ -24,7 +24,7 @@ KNOWS = {
     'acoustics': {'jit'},
     'hearing': {'geometry', 'acoustics'},
     'maps': {'geometry', 'hearing', 'jit'},
-    'solvers': {'geometry', 'hearing', 'maps', 'jit'},
+    'solvers': {'geometry', 'acoustics', 'hearing', 'maps', 'jit'},
     'mapping': {'geometry', 'acoustics', 'hearing', 'maps', 'solvers'},
     'calibration': {*_MAPPING, 'jit'},
     'simulation': {'geometry', 'acoustics', 'jit', 'pulse_file'},

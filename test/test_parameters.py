@@ -134,6 +134,7 @@ def test_every_method_is_known(method):
     (lambda: Parameters().replaced({'output.dir': 'two\nlines'}), 'output.dir'),
     (lambda: Parameters().replaced({'output.dir': '\ud800'}), 'output.dir'),
     (lambda: Parameters().replaced({'sensor.x_m': 10**400}), 'sensor.x_m'),
+    (lambda: Parameters().replaced({'medium.edge': 'free', 'medium.model': 'constant'}), 'medium.edge'),
     (lambda: Parameters().replaced({'slam.map_origin': 'first_ping'}), 'slam.map_origin'),
     (lambda: Parameters().replaced({'slam.map_origin': 'first_ping', 'slam.map_frame': 'map',
                                     'slam.mode': 'localization'}), 'slam.map_origin'),

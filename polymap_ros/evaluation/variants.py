@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from polymap_ros.parameters import MediumParameters, SensorParameters
+from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, mistaken, random_scene
 from polymap_ros.simulation.scenes import Scene
@@ -30,6 +31,10 @@ def _changed(**changes: float) -> Callable[[int, int], Scene]:
 
 def _faulty(**faults: Any) -> Callable[[int, int], Scene]:
     return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), faults=Faults(**faults))
+
+
+def _edged(**edges: Any) -> Callable[[int, int], Scene]:
+    return lambda seed, count: dataclasses.replace(random_scene(seed, count), edges=Edges(**edges))
 
 
 def _mistaken(**wrong: float) -> Callable[[int, int], Scene]:
@@ -76,6 +81,12 @@ VARIANTS = {
     'thicker': Variant('thickness taken 20 % too large', _mistaken(thickness_m=1.2 * _ALUMINIUM.thickness_m)),
     'steel_as_aluminium': Variant('steel taken for aluminium', _material(_STEEL, _ALUMINIUM)),
     'aluminium_as_steel': Variant('aluminium taken for steel', _material(_ALUMINIUM, _STEEL)),
+    'free_edge': Variant("a plate's free edges (Kirchhoff), Poisson's ratio of 0.30 not told",
+                         _edged(kind='free', poisson=0.30)),
+    'phase_45': Variant('every reflection delays the phase by 45 degrees', _edged(delay_deg=45.0)),
+    'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
+    'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),
+    'phase_by_wall': Variant('each wall by its own, within 45 degrees', _edged(spread_deg=45.0)),
     'yaw_drift': Variant('heading that drifts by 2 degrees per metre', _faulty(yaw_drift_deg_m=2.0)),
     'odometry_scale': Variant('odometry that reports 2 % too much', _faulty(odometry_scale=1.02)),
 }

@@ -8,7 +8,7 @@ The keys are the fields of `Scene`; the path is either `poses`, a list of [x, y,
     trajectory: {recording: PATH, topic: odom, pings: 60, clearance_m: 0.06, turn_deg: 0.0}
 
 The last takes the way that a recorded odometry went, scaled to fill the room. What device and odometry do wrong is in
-`faults`, with the fields of `Faults`.
+`faults`, with the fields of `Faults`; what edges do to the phase in `edges`, with those of `Edges`.
 """
 
 import dataclasses
@@ -29,6 +29,7 @@ from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters
 from polymap_ros.paths import expanded
 from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
+from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.scenes import Scene, check_bounds, counter_clockwise
 from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
@@ -37,7 +38,7 @@ ReadPath = Callable[[Path, str], NDArray[np.float64]]
 """Reads the poses (N, 3) of an odometry topic from a recording."""
 
 _GROUPS = {'medium': MediumParameters, 'pulse': PulseParameters, 'sensor': SensorParameters, 'grid': GridParameters,
-           'told_medium': MediumParameters, 'faults': Faults}
+           'told_medium': MediumParameters, 'faults': Faults, 'edges': Edges}
 _INTEGERS = ('n_samples', 'order', 'seed', 'pings')
 _SUFFIX = '.scene.yaml'
 _PATH_STREAM = 4

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from polymap_ros.errors import SceneError
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import EchoParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped
 
@@ -45,6 +46,8 @@ class Scene:
         What the mapper is told instead of `medium`, where it is to be wrong.
     faults : Faults
         What device and odometry do wrong.
+    edges : Edges
+        What a reflection does to the phase.
     sample_rate_hz : float
         Sample rate [Hz].
     n_samples : int
@@ -92,6 +95,7 @@ class Scene:
     recorded_pulse: NDArray[np.float64] | None = None
     told_medium: MediumParameters | None = None
     faults: Faults = field(default_factory=Faults)
+    edges: Edges = field(default_factory=Edges)
 
     def __post_init__(self) -> None:
         if self.recorded_pulse is not None:

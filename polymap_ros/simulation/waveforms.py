@@ -12,6 +12,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.jit import kernel
+from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
 from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
@@ -21,7 +22,8 @@ BAND_FLOOR = 1e-3
 
 
 Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there."""
+"""From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there;
+complex where edges turn the phase."""
 
 
 def simulate(scene: Scene | str, clean: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
@@ -82,7 +84,11 @@ def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]
     paths = []
     for emitter, receiver in zip(*scene.ends, strict=True):
         images = visible_images(scene.vertices, emitter, scene.order, scene.reflection, receiver)
-        paths.append((np.hypot(images.distance_m, scene.sensor.baseline_z_m), images.amplitude))
+        amplitude = images.amplitude
+        if scene.edges != Edges():
+            generator = scene.generator(EDGES_STREAM)
+            amplitude = amplitude * np.exp(-1j * delays(scene.edges, generator, scene.vertices, images, receiver))
+        paths.append((np.hypot(images.distance_m, scene.sensor.baseline_z_m), amplitude))
     return paths
 
 
@@ -160,7 +166,7 @@ class Synthesis:
         weights = amplitude[near] * distance_m[near] ** -self._spreading
         spectrum = np.zeros(self._size // 2 + 1, dtype=complex)
         spectrum[self._bins] = self._strength * _sum_of_images(
-            self._wavenumber, self._heard_m, self._faded_m, distance_m[near], weights)
+            self._wavenumber, self._heard_m, self._faded_m, distance_m[near], weights.astype(complex))
         return np.asarray(scipy.fft.irfft(spectrum, self._size)[:self._n_samples])
 
 
@@ -170,19 +176,18 @@ def _sum_of_images(
     heard_m: NDArray[np.float64],
     faded_m: NDArray[np.float64],
     distance_m: NDArray[np.float64],
-    weights: NDArray[np.float64],
+    weights: NDArray[np.complex128],
 ) -> NDArray[np.complex128]:
     """Sum over m of weights_m exp(-j k d_m) at each k, faded from 1 at heard_m to 0 at faded_m."""
     total = np.zeros(len(wavenumber), dtype=np.complex128)
     for i in range(len(wavenumber)):
-        real, imaginary = 0.0, 0.0
+        sum_of_all = 0.0j
         for m in range(len(distance_m)):
             d = distance_m[m]
             if d < faded_m[i]:
                 weight = weights[m]
                 if d > heard_m[i]:
                     weight *= 0.5 + 0.5 * np.cos(np.pi * (d - heard_m[i]) / (faded_m[i] - heard_m[i]))
-                real += weight * np.cos(wavenumber[i] * d)
-                imaginary -= weight * np.sin(wavenumber[i] * d)
-        total[i] = complex(real, imaginary)
+                sum_of_all += weight * complex(np.cos(wavenumber[i] * d), -np.sin(wavenumber[i] * d))
+        total[i] = sum_of_all
     return total

@@ -1,13 +1,26 @@
 """What every move stands on: the echoes, their likelihoods by all and by few pings, and what a waveform is worth."""
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import away_from
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase
 from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
-from polymap_ros.solvers.evidence.tuning import ENOUGH, FEW, FULL_ORDER, MISFIT, PRICE, SEARCH_ORDER
+from polymap_ros.solvers.evidence.tuning import (
+    EDGE_WORTH,
+    ENOUGH,
+    EXPLAINED,
+    FEW,
+    FULL_ORDER,
+    MISFIT,
+    PRICE,
+    SEARCH_ORDER,
+)
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
@@ -29,6 +42,8 @@ class Ground:
         Whether echoes are drawn out, the more the farther they come: their pulse is not the one looked for.
     checkpoint : callable
         Called between the steps of long work.
+    edges : sequence of EdgePhase
+        Laws by which walls may turn the phase, tried in this order.
 
     Attributes
     ----------
@@ -42,8 +57,9 @@ class Ground:
 
     def __init__(
         self, data: EchoData, max_edges: int, generator: np.random.Generator, coherent: bool = True,
-        dispersed: bool = False, checkpoint: Checkpoint = unwatched,
+        dispersed: bool = False, checkpoint: Checkpoint = unwatched, edges: Sequence[EdgePhase] = (REAL,),
     ) -> None:
+        self.edges = edges
         self.data, self.max_edges, self.generator = data, max_edges, generator
         self.coherent, self.dispersed, self.checkpoint = coherent, dispersed, checkpoint
         self.share = max(min(len(data.positions) // ENOUGH, FEW), 1)
@@ -60,15 +76,35 @@ class Ground:
                 return share
         return _taken_away(self.wave, wave)
 
-    def aligned(self, power: Power) -> Wave | None:
-        """Return the waveform's maximum near refined walls of power, from the first order up."""
-        wave = self.wave.refine(self.wave.begun(power.walls), 1)
+    def aligned(self, power: Power, edge: EdgePhase | None = None) -> Wave | None:
+        """Return the waveform's maximum near refined walls of power, from the first order up.
+
+        By the law of `edge`; where none is given by the first of `edges`, or where that leaves much unexplained by one
+        of the others that is worth far more.
+        """
+        if edge is not None:
+            return self._aligned(power, edge)
+        first, *others = self.edges
+        best = self._aligned(power, first if first is REAL else first.freed())
+        if not others or (best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty):
+            return best
+        least = -np.inf if best is None else EDGE_WORTH * best.value
+        for law in others:
+            self.checkpoint()
+            turned = self._aligned(power, law.freed())
+            if turned is not None and turned.value > least:
+                best, least = turned, turned.value
+        return best
+
+    def _aligned(self, power: Power, edge: EdgePhase) -> Wave | None:
+        wave = self.wave.refine(self.wave.begun(power.walls, edge.held()), 1)
         if wave is None:
             return None
         # Echoes of even order tell the signs.
         both = [self.wave.evaluate(each.walls, each, SEARCH_ORDER) for each in (wave, wave.turned())]
         best = max((each for each in both if each is not None), key=lambda each: each.value, default=None)
         best = best and self.wave.refine(best, SEARCH_ORDER)
+        best = best and replace(best, edge=edge, slopes=None)
         return best and self.wave.refine(best, FULL_ORDER)
 
     def worth(self, wave: Wave) -> float:

@@ -4,7 +4,7 @@ A likelihood is a function of walls, of what it takes for known of the device (a
 else: it returns what it found and leaves nothing behind. `power` and `waveform` are two; another needs this much.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
@@ -29,16 +29,19 @@ class Slopes:
         Gradient of each ping's share.
     information : ndarray, shape (N, 3 n, 3 n)
         Its Fisher information, what a ping has of its own (such as an amplitude) marginalised.
-    by_phase : ndarray, shape (N, 3 n)
-        Its information between the walls and the device's phase; zero without phase.
-    phase : ndarray, shape (N,)
-        Its information about that phase.
+    by_phase : ndarray, shape (N, 3 n, q)
+        Its information between the walls and the phases, the device's and those of `edge_phase`; q = 0 without phase.
+    phase : ndarray, shape (N, q, q)
+        Its information about those.
+    by_edge : ndarray, shape (N, q - 1)
+        Its gradient by those of `edge_phase`; the device's is at its best.
     """
 
     scores: NDArray[np.float64]
     information: NDArray[np.float64]
     by_phase: NDArray[np.float64]
     phase: NDArray[np.float64]
+    by_edge: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 0)))
 
 
 class Unknowns(Protocol):
@@ -67,7 +70,7 @@ class Unknowns(Protocol):
         """Return the Fisher information (k, k) with the prior."""
 
     def by_phase(self, slopes: Slopes) -> NDArray[np.float64]:
-        """Return the information (k,) between the numbers and the device's phase."""
+        """Return the information (k, q) between the numbers and the phases."""
 
 
 class Support(Protocol):
@@ -128,7 +131,7 @@ def gradient_of(support: Support) -> NDArray[np.float64]:
 
 
 def information_of(support: Support) -> NDArray[np.float64]:
-    """Return the Fisher information (k, k) with the prior, the device's phase marginalised.
+    """Return the Fisher information (k, k) with the prior, the phases marginalised.
 
     Without that, walls that all move by the same r would seem to change little, and the steps be far too short.
     """
@@ -140,11 +143,14 @@ def information_of(support: Support) -> NDArray[np.float64]:
     information[quiet], information[:, quiet] = 0.0, 0.0
     information[quiet, quiet] = 1.0
     information[diagonal, diagonal] *= 1.0 + _RIDGE
-    cross, phase = np.where(quiet, 0.0, unknowns.by_phase(slopes)), float(slopes.phase.sum())
-    if phase > 0.0:
+    phase = slopes.phase.sum(axis=0)
+    if phase.size and phase[0, 0] > 0.0:
+        cross = np.where(quiet[:, None], 0.0, unknowns.by_phase(slopes))
+        half = np.linalg.cholesky(phase + _RIDGE * np.diag(np.diag(phase)))
+        own = np.linalg.solve(half, cross.T)
         # Where the echoes fit badly, the cross term may claim more than the walls know; they keep a little of it.
-        taken = float(cross @ np.linalg.solve(information, cross))
-        information -= np.outer(cross, cross) / max(phase, taken / (1.0 - _LEAST_KNOWN))
+        taken = float(np.linalg.eigvalsh(own @ np.linalg.solve(information, own.T))[-1])
+        information -= own.T @ own / max(1.0, taken / (1.0 - _LEAST_KNOWN))
     return np.asarray(information)
 
 

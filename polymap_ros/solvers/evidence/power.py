@@ -120,7 +120,7 @@ class PowerLikelihood:
         value = self.quiet(like.background) + walls.log_prior() + float(_power_likelihood(
             corners, order, self._heard, walls.reflection**2, like.strength, like.background, derive, explained, scores,
             information))
-        slopes = Slopes(scores, information, np.zeros((pings, size)), np.zeros(pings)) if derive else None
+        slopes = Slopes(scores, information, np.empty((pings, size, 0)), np.empty((pings, 0, 0))) if derive else None
         return Power(walls, like.strength, like.background, value, explained, slopes)
 
     def value(self, walls: Walls, like: Power, order: int) -> float:

@@ -14,6 +14,7 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
+from polymap_ros.solvers.evidence.moves.phase import turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
 from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
 from polymap_ros.solvers.evidence.moves.slip import fix_cycle_slips, slipped
@@ -63,6 +64,7 @@ class Found(NamedTuple):
 
 
 SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+    (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
     (drop_wall, np.inf),
     (add_from_residual, ALL_EXPLAINED),
@@ -76,7 +78,7 @@ class Search(Ground):
 
     def over(self, data: EchoData) -> 'Search':
         """Return the same search over other data."""
-        return Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint)
+        return Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint, self.edges)
 
     def polygons(self) -> Iterator[Found | None]:
         """Give what each start leads to, None where it leads to no polygon."""

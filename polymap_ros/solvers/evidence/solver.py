@@ -19,6 +19,7 @@ from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.dead_reckoning import as_dead_reckoned
 from polymap_ros.solvers.evidence.drift import Follower, begun
+from polymap_ros.solvers.evidence.edge_phase import laws
 from polymap_ros.solvers.evidence.first_walls import first_walls
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.moves.exchange import improved
@@ -288,7 +289,8 @@ def search_of(evidence: Evidence, parameters: Parameters, checkpoint: Checkpoint
     generator = np.random.default_rng(parameters.solver.seed)
     coherent = parameters.echo.kind == 'rf'
     dispersed = not coherent and parameters.medium.model == 'lamb_a0'
-    return Search(data, parameters.solver.max_edges, generator, coherent, dispersed, checkpoint)
+    edges = laws(parameters.medium)
+    return Search(data, parameters.solver.max_edges, generator, coherent, dispersed, checkpoint, edges)
 
 
 def rehearse(evidence: Evidence, parameters: Parameters) -> None:

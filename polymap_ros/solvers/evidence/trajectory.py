@@ -83,9 +83,9 @@ class World:
         return information
 
     def by_phase(self, slopes: Slopes) -> NDArray[np.float64]:
-        """Return the information between the numbers and the device's phase."""
-        by_poses = np.einsum('ijk,ij->ik', self._by_pose, slopes.by_phase)
-        return np.concatenate((self.walls.by_phase(slopes), by_poses.ravel()))
+        """Return the information between the numbers and the phases."""
+        by_poses = np.einsum('ijk,ijq->ikq', self._by_pose, slopes.by_phase)
+        return np.concatenate((self.walls.by_phase(slopes), by_poses.reshape(-1, slopes.by_phase.shape[2])))
 
     def _split(self, numbers: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return numbers[:3 * len(self.walls)], numbers[3 * len(self.walls):]

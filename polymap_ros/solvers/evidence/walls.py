@@ -3,7 +3,7 @@
 A vector holds r of all walls, then theta, then ln |rho|. The likelihoods fill its columns in that order.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -36,17 +36,24 @@ class Walls:
     reflection : ndarray, shape (n,)
         Coefficients, signed where there is phase, of magnitude 1 at most; 0 for a wall that is silent: it bounds the
         outline and is not heard.
+    delay : ndarray, shape (n,)
+        How much more each of them delays the phase than all do [rad] (`edge_phase`); empty where none does.
     """
 
     lines: NDArray[np.float64]
     reflection: NDArray[np.float64]
+    delay: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @classmethod
-    def convex(cls, lines: NDArray[np.float64], reflection: NDArray[np.float64] | float = 1.0) -> Self:
+    def convex(
+        cls, lines: NDArray[np.float64], reflection: NDArray[np.float64] | float = 1.0,
+        delay: NDArray[np.float64] | None = None,
+    ) -> Self:
         """Return walls in the order of a convex outline, with one coefficient or one for each."""
         order = np.argsort(lines[:, 1], kind='stable')
         coefficients = np.broadcast_to(np.asarray(reflection, dtype=float), (len(lines),))
-        return cls(np.ascontiguousarray(lines[order]), coefficients[order])
+        own = delay[order] if delay is not None and len(delay) else np.empty(0)
+        return cls(np.ascontiguousarray(lines[order]), coefficients[order], own)
 
     @classmethod
     def of_polygon(cls, vertices: NDArray[np.float64]) -> Self:
@@ -70,7 +77,8 @@ class Walls:
     def without(self, wall: int) -> Self:
         """Return the walls without one of them."""
         lines = np.ascontiguousarray(np.delete(self.lines, wall, 0))
-        return replace(self, lines=lines, reflection=np.delete(self.reflection, wall))
+        return replace(self, lines=lines, reflection=np.delete(self.reflection, wall),
+                       delay=np.delete(self.delay, wall) if len(self.delay) else self.delay)
 
     def silenced(self, wall: int) -> Self:
         """Return the walls with one of them silent."""
@@ -80,7 +88,8 @@ class Walls:
 
     def with_line(self, line: NDArray[np.float64], reflection: float = 1.0) -> Self:
         """Return a convex outline's walls and one more."""
-        return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection))
+        delay = np.append(self.delay, 0.0) if len(self.delay) else None
+        return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay)
 
     def shifted(self, wall: int, by_m: float, turned: bool = False) -> Self:
         """Return the walls with one of them farther out, the sign of its coefficient turned if asked for."""
@@ -130,7 +139,7 @@ class Walls:
         return np.asarray(information)
 
     def by_phase(self, slopes: Slopes) -> NDArray[np.float64]:
-        """Return the information (3 n,) between the walls and the device's phase."""
+        """Return the information (3 n, q) between the walls and the phases."""
         return np.asarray(slopes.by_phase.sum(axis=0))
 
     def by_pose(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -14,7 +14,9 @@ from polymap_ros.jit import kernel
 class Sums(NamedTuple):
     """u (N,), v (N,), x (N, 3 n), p (N, 3 n) and the Fisher information (N, 3 n, 3 n) at amplitude 1, of `waveform`.
 
-    By r of all walls, then theta, then ln |rho|; the information's rows of ln |rho| have columns of ln |rho| only.
+    By r of all walls, then theta, then ln |rho|; the information's rows of ln |rho| have columns of ln |rho| only. Last
+    the same by the K numbers of `edge_phase`: x (N, K), the information with the device's phase and p (N, K), the
+    information (N, K, K), and that with the walls (N, 3 n, K); K is 0 where they are not looked for.
     """
 
     u: NDArray[np.complex128]
@@ -22,6 +24,11 @@ class Sums(NamedTuple):
     x: NDArray[np.complex128]
     p: NDArray[np.float64]
     information: NDArray[np.float64]
+    edge_x: NDArray[np.complex128]
+    edge_v: NDArray[np.float64]
+    edge_p: NDArray[np.float64]
+    edge_information: NDArray[np.float64]
+    across: NDArray[np.float64]
 
 
 @kernel
@@ -55,7 +62,7 @@ class _Room(NamedTuple):
 
     Of each path: its amplitude b and b exp(2 j k0 d); its slopes; the sums over the paths near it of the slope of psi
     and of psi; and what stands beside its slopes in the information, where losses have to do with losses by psi itself,
-    in a place of their own.
+    in a place of their own. `delays` are the slopes of its phase by the numbers of `edge_phase`.
     """
 
     b: NDArray[np.float64]
@@ -63,6 +70,7 @@ class _Room(NamedTuple):
     slopes: NDArray[np.float64]
     near: NDArray[np.float64]
     spread: NDArray[np.float64]
+    delays: NDArray[np.float64]
 
 
 @kernel
@@ -80,21 +88,57 @@ def _turn(angle: float) -> complex:
 
 
 @kernel
+def _delay(paths: Paths, m: int, table: NDArray[np.float64], own: NDArray[np.float64]) -> float:
+    """What its reflections delay a path's phase by: a law over the cosine of incidence, and the walls' own."""
+    total = 0.0
+    if len(table) > 0:
+        for level in range(paths.hits[m]):
+            place = min(paths.slopes[m, level, 0], 1.0) * (len(table) - 1)
+            low = min(int(place), len(table) - 2)
+            total += table[low] + (place - low) * (table[low + 1] - table[low])
+            if len(own) > 0:
+                total += own[paths.walls[m, level]]
+    return total
+
+
+@kernel
+def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
+    """Slopes of a path's delay: its reflections, the sums of s^2 and of s^4, and by wall its reflections there."""
+    delays[m] = 0.0
+    by_wall = delays.shape[1] > 3
+    for level in range(paths.hits[m]):
+        s2 = max(1.0 - paths.slopes[m, level, 0] ** 2, 0.0)
+        delays[m, 0] += 1.0
+        delays[m, 1] += s2
+        delays[m, 2] += s2 * s2
+        if by_wall:
+            delays[m, 3 + paths.walls[m, level]] += 1.0
+
+
+@kernel
 def add_up(
-    corners: NDArray[np.float64], order: int, heard: Echoes, reflection: NDArray[np.float64], derive: bool, sums: Sums
+    corners: NDArray[np.float64], order: int, heard: Echoes, reflection: NDArray[np.float64],
+    table: NDArray[np.float64], own: NDArray[np.float64], derive: bool, sums: Sums
 ) -> None:
-    """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|."""
+    """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|.
+
+    `table` is the phase's delay by a reflection over the cosine of incidence, empty where there is none, and `own` what
+    each wall adds, empty where it adds nothing.
+    """
+    slant, columns = derive or len(table) > 0, sums.edge_x.shape[1]
     paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
     n = len(corners)
     size = len(paths.half)
     room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
-                 np.empty((size, 4 * n)))
+                 np.empty((size, 4 * n)), np.empty((size, columns)))
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, derive, paths)
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, slant, paths)
         for m in range(count):
             far = paths.half[m] >= 2.0 * heard.step
             room.b[m] = _amplitude(paths, m, heard.spreading, reflection) if far else 0.0
-            room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m])
+            room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m] + _delay(paths, m, table, own))
+            if columns:
+                _fill_delays(paths, m, room.delays)
         if derive:
             _gather_slopes(paths, count, n, room.slopes)
             room.near[:count] = 0.0
@@ -102,6 +146,8 @@ def add_up(
         _add_ping(paths, count, n, heard, i, derive, room, sums)
         for m in range(count if derive else 0):
             _add_information(sums.p[i], sums.information[i], paths, m, room.slopes[m], room.near[m], room.spread[m])
+            for k in range(columns):
+                sums.edge_v[i, k] += room.delays[m, k] * room.near[m, 1]
 
 
 @kernel
@@ -122,6 +168,8 @@ def _add_ping(
         v += b[m] * b[m]
         if derive:
             _add_heard(sums.x[i], paths, m, n, (rate / step + 2j * carrier * value) * turn[m], value * turn[m])
+            if sums.edge_x.shape[1]:
+                _add_edge(sums, i, room, m, value * turn[m], 2.0 * carrier * b[m] * b[m])
             room.near[m, 1] += b[m] * b[m]
             _add_pair(room.spread[m], room.slopes[m], -heard.curvature[2].real * b[m] * b[m], 0.0, b[m] * b[m])
         for p in range(q - 1, -1, -1):
@@ -134,7 +182,8 @@ def _add_ping(
             both = (psi * wave).real
             v += 2.0 * both
             if derive:
-                slope = ((psi_rate / step + 2j * carrier * psi) * wave).real
+                steep = (psi_rate / step + 2j * carrier * psi) * wave
+                slope = steep.real
                 bend = -(cubic(heard.curvature, lag / step + 2.0)[0] * wave).real
                 room.near[m, 0] += slope
                 room.near[m, 1] += both
@@ -142,7 +191,40 @@ def _add_ping(
                 room.near[other, 1] += both
                 _add_pair(room.spread[m], room.slopes[other], bend, slope, both)
                 _add_pair(room.spread[other], room.slopes[m], bend, -slope, both)
+                if sums.edge_x.shape[1]:
+                    _add_edge_pair(sums, i, room, m, other, both, (psi * wave).imag, steep.imag)
     sums.u[i], sums.v[i] = u, v
+
+
+@kernel
+def _add_edge(sums: Sums, i: int, room: _Room, m: int, heard: complex, steep: float) -> None:
+    """A path's share of the sums by the numbers of `edge_phase`: its echo's slopes by them are -j `delays` times it."""
+    n = room.slopes.shape[1] // 3
+    for k in range(room.delays.shape[1]):
+        by = room.delays[m, k]
+        sums.edge_x[i, k] += 1j * by * heard
+        for other in range(room.delays.shape[1]):
+            sums.edge_information[i, k, other] += by * room.delays[m, other] * room.b[m] ** 2
+        for w in range(2 * n):
+            sums.across[i, w, k] += room.slopes[m, w] * by * steep
+
+
+@kernel
+def _add_edge_pair(
+    sums: Sums, i: int, room: _Room, m: int, other: int, both: float, aside: float, steep: float
+) -> None:
+    """A pair of paths' share: `both` + j `aside` is the product of one's echo with the other's, `steep` the imaginary
+    part of its derivative by the first's range."""
+    n = room.slopes.shape[1] // 3
+    for k in range(room.delays.shape[1]):
+        one, two = room.delays[m, k], room.delays[other, k]
+        sums.edge_p[i, k] += (two - one) * aside
+        for q in range(room.delays.shape[1]):
+            sums.edge_information[i, k, q] += both * (one * room.delays[other, q] + two * room.delays[m, q])
+        for w in range(2 * n):
+            sums.across[i, w, k] += steep * (room.slopes[m, w] * two + room.slopes[other, w] * one)
+        for w in range(2 * n, 3 * n):
+            sums.across[i, w, k] += aside * (room.slopes[m, w] * two - room.slopes[other, w] * one)
 
 
 @kernel
@@ -211,19 +293,20 @@ def _add_information(
 @kernel
 def predict(
     corners: NDArray[np.float64], order: int, heard: Echoes, cell: float, reflection: NDArray[np.float64],
-    amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
+    table: NDArray[np.float64], own: NDArray[np.float64], amplitudes: NDArray[np.complex128],
+    out: NDArray[np.complex128],
 ) -> None:
-    """Add the waveform to every ping's cells, `cell` apart."""
+    """Add the waveform to every ping's cells, `cell` apart; `table` and `own` as in `add_up`."""
     paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
     half = paths.half
     reach = (len(heard.baseband) - 5) * heard.step
     on = _turn(2.0 * heard.carrier * cell)
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, False, paths)
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, paths)
         for m in range(count):
             b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection)
             low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
-            turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]))
+            turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]) - _delay(paths, m, table, own))
             for j in range(low, min(high, out.shape[1] - 1) + 1):
                 lag = j * cell - half[m]
                 psi, _ = cubic(heard.baseband, abs(lag) / heard.step + 2.0)

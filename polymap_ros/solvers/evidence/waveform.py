@@ -26,9 +26,13 @@ from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import first_orders
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.edge_phase import COMMON, REAL, EdgePhase
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.wave_sums import Echoes, Sums, add_up, predict
+
+_FARTHEST_RAD = 0.3
+"""Largest step of the edges' phases: beyond it an echo is no longer linear in them to a tenth."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +51,8 @@ class Wave:
         A_i of each ping, in units of the noise.
     slopes : Slopes or None
         Derivatives, if they were asked for.
+    edge : EdgePhase
+        What every reflection delays the phase by.
     """
 
     walls: Walls
@@ -54,6 +60,7 @@ class Wave:
     value: float
     amplitudes: NDArray[np.float64]
     slopes: Slopes | None = None
+    edge: EdgePhase = REAL
 
     @property
     def unknowns(self) -> Walls:
@@ -91,19 +98,20 @@ class WaveformLikelihood:
         self._heard = Echoes(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, pulse.step_m,
                             pulse.carrier, pulse.baseband, pulse.curvature)
 
-    def begun(self, walls: Walls) -> Wave:
+    def begun(self, walls: Walls, edge: EdgePhase = REAL) -> Wave:
         """Return signed coefficients and the device's phase, from the first-order echoes alone; not evaluated.
 
         The phase that all walls share up to their signs maximises Re[exp(-2 j phi) sum_k s_k^2], s_k the
         sum of wall k's echoes. The majority is positive: phi + pi with all signs turned gives the same echoes of odd
         order, and only those of even order tell which it is.
         """
-        sums = np.array([self._first_order(line) for line in walls.lines])
+        sums = np.array([self._first_order(line) for line in walls.lines]) * np.exp(1j * edge.head_on)
         phase = 0.5 * float(np.angle(np.sum(sums**2))) if np.any(sums) else 0.0
         signs = np.where(np.real(sums * np.exp(-1j * phase)) >= 0.0, 1.0, -1.0)
         if np.sum(signs * np.abs(sums)) < 0.0:
             signs, phase = -signs, phase + np.pi
-        return Wave(replace(walls, reflection=signs * np.abs(walls.reflection)), phase, -np.inf, np.empty(0))
+        walls = replace(walls, reflection=signs * np.abs(walls.reflection))
+        return Wave(walls, phase, -np.inf, np.empty(0), edge=edge)
 
     def _first_order(self, line: NDArray[np.float64]) -> complex:
         data, pulse = self.data, self.data.pulse
@@ -116,34 +124,58 @@ class WaveformLikelihood:
         return complex(np.sum(heard * d[inside] ** -data.spreading))
 
     def evaluate(self, walls: Walls, like: Wave, order: int, derive: bool = False) -> Wave | None:
-        """Return L at the device's phase that fits the walls best, near that of another; None without an outline."""
+        """Return L at the phases that fit the walls best, near those of another; None without an outline."""
         outline, corners = corners_of(walls.lines, self.data.shortest_m)
         if not outline:
             return None
-        sums = self._sums(corners, order, walls.reflection, derive)
+        if like.edge.by_wall and not len(walls.delay):
+            walls = replace(walls, delay=np.zeros(len(walls)))
+        here = self._at(corners, walls, like, order, derive or like.edge.free)
+        if not like.edge.free:
+            return here
+        assert here.slopes is not None, 'derivatives were asked for'
+        edge, walls = _mended(here.edge, walls, here.slopes)
+        better = self._at(corners, walls, replace(here, edge=edge), order, derive)
+        return better if better.value > here.value else here
+
+    def _at(self, corners: NDArray[np.float64], walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
+        """Return L at the device's phase that fits best, near that of another, and its `edge`."""
+        sums = self._sums(corners, order, walls, like.edge, derive)
         v, phase = np.maximum(sums.v, 1e-300), like.phase
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
             if np.any(agreeing):
                 phase = float(np.angle(np.sum(sums.u * agreeing / v)))
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
-        value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior()
+        value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior(walls.delay)
         slopes = _slopes(sums, v, amplitudes, phase) if derive else None
-        return Wave(walls, phase, value, amplitudes, slopes)
+        return Wave(walls, phase, value, amplitudes, slopes, like.edge)
+
+    def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
+        """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
+        _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
+        walls = replace(wave.walls, delay=np.zeros(len(wave.walls))) if edge.by_wall else wave.walls
+        slopes = self._at(corners, walls, replace(wave, edge=edge), order, True).slopes
+        assert slopes is not None, 'derivatives were asked for'
+        gradient, about = _about_edge(edge, walls, slopes)
+        across, information = walls.by_phase(slopes), walls.information(slopes)
+        information[walls.quiet, walls.quiet] += 1.0
+        about -= across.T @ np.linalg.lstsq(information, across, rcond=1e-9)[0]
+        return 0.5 * float(gradient @ np.linalg.lstsq(about, gradient, rcond=1e-9)[0])
 
     def shares(self, wave: Wave, order: int) -> NDArray[np.float64]:
         """Return each ping's share (N,) of L at the phase of a waveform, its amplitude at its best."""
         outline, corners = corners_of(wave.walls.lines, self.data.shortest_m)
         if not outline:
             return np.zeros(len(self.data.positions))
-        sums = self._sums(corners, order, wave.walls.reflection, False)
+        sums = self._sums(corners, order, wave.walls, wave.edge, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
         return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
 
     def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
         """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
         _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        sums = self._sums(corners, order, wave.walls.reflection, True)
+        sums = self._sums(corners, order, wave.walls, wave.edge, True)
         v = np.maximum(sums.v, 1e-300)
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
         return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
@@ -153,12 +185,15 @@ class WaveformLikelihood:
         return climb(self, self.evaluate(start.walls, start, order, derive=True), order, iterations)
 
     def _sums(
-        self, corners: NDArray[np.float64], order: int, reflection: NDArray[np.float64], derive: bool
+        self, corners: NDArray[np.float64], order: int, walls: Walls, edge: EdgePhase, derive: bool
     ) -> Sums:
         pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
+        more = len(edge.sought(walls.delay)) if derive else 0
         sums = Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
-                    np.zeros((pings, size)), np.zeros((pings, size, size)))
-        add_up(corners, order, self._heard, reflection, derive, sums)
+                    np.zeros((pings, size)), np.zeros((pings, size, size)), np.zeros((pings, more), complex),
+                    np.zeros((pings, more)), np.zeros((pings, more)), np.zeros((pings, more, more)),
+                    np.zeros((pings, size, more)))
+        add_up(corners, order, self._heard, walls.reflection, edge.table, edge.own(walls.delay), derive, sums)
         return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
@@ -169,13 +204,16 @@ class WaveformLikelihood:
         cells = np.arange(data.power.shape[1])
         heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
         predicted = np.zeros_like(heard, dtype=complex)
-        predict(corners, order, self._heard, data.cell_m, wave.walls.reflection,
-                wave.amplitudes * np.exp(1j * wave.phase), predicted)
+        predict(corners, order, self._heard, data.cell_m, wave.walls.reflection, wave.edge.table,
+                wave.edge.own(wave.walls.delay), wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
 
 
 def _slopes(sums: Sums, v: NDArray[np.float64], amplitudes: NDArray[np.float64], phase: float) -> Slopes:
-    """Return the derivatives that the sums add up to, each ping's amplitude marginalised."""
+    """Return the derivatives that the sums add up to, each ping's amplitude marginalised.
+
+    The phases are the device's, turned the other way, and those of `edge_phase`: both delay an echo.
+    """
     turned = (amplitudes * np.exp(-1j * phase))[:, None] * sums.x
     scores = turned.real - amplitudes[:, None] ** 2 * sums.p
     n = sums.p.shape[1] // 3
@@ -183,4 +221,33 @@ def _slopes(sums: Sums, v: NDArray[np.float64], amplitudes: NDArray[np.float64],
     information[:, 2 * n:, :2 * n] = np.swapaxes(information[:, :2 * n, 2 * n:], 1, 2)
     own = (amplitudes / np.sqrt(v))[:, None] * sums.p
     information -= own[:, :, None] * own[:, None, :]
-    return Slopes(scores, information, turned.imag, amplitudes**2 * v)
+    by_phase, about_phase = turned.imag[:, :, None], (amplitudes**2 * v)[:, None, None]
+    if not sums.edge_x.shape[1]:
+        return Slopes(scores, information, by_phase, about_phase)
+    edges = (amplitudes * np.exp(-1j * phase))[:, None] * sums.edge_x
+    edge_own, square = (amplitudes / np.sqrt(v))[:, None] * sums.edge_p, amplitudes[:, None, None] ** 2
+    across = square * sums.across - own[:, :, None] * edge_own[:, None, :]
+    about = square * sums.edge_information - edge_own[:, :, None] * edge_own[:, None, :]
+    beside = (amplitudes[:, None] ** 2 * sums.edge_v)[:, None, :]
+    above, below = (about_phase, beside), (np.swapaxes(beside, 1, 2), about)
+    about_phase = np.concatenate((np.concatenate(above, axis=2), np.concatenate(below, axis=2)), axis=1)
+    edge_scores = edges.real - amplitudes[:, None] ** 2 * sums.edge_p
+    return Slopes(scores, information, np.concatenate((by_phase, across), axis=2), about_phase, edge_scores)
+
+
+def _mended(edge: EdgePhase, walls: Walls, slopes: Slopes) -> tuple[EdgePhase, Walls]:
+    """Return the phases of reflections after a step of Gauss and Newton at fixed lines, the device's phase free."""
+    gradient, about = _about_edge(edge, walls, slopes)
+    step = np.clip(np.linalg.lstsq(about, gradient, rcond=1e-12)[0][1:], -_FARTHEST_RAD, _FARTHEST_RAD)
+    more = step[COMMON:]
+    return replace(edge, found=edge.found + step[:COMMON]), (
+        replace(walls, delay=walls.delay + more) if len(more) else walls)
+
+
+def _about_edge(
+    edge: EdgePhase, walls: Walls, slopes: Slopes
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return gradient (q,) and information (q, q) about the phases with the prior; the device's is at its best."""
+    about, precision = slopes.phase.sum(axis=0), edge.precision(len(walls))
+    about[1:, 1:] += np.diag(precision)
+    return np.concatenate(((0.0,), slopes.by_edge.sum(axis=0) - edge.sought(walls.delay) * precision)), about

@@ -54,7 +54,7 @@ class HeavyTailed:
             own = np.arange(3) * n + wall
             information[:, own[:, None], own[None, :]] = (
                 by[:, own, None] * by[:, None, own] * weight[:, wall, None, None] / self.scale_m**2)
-        slopes = Slopes(scores, information, np.zeros_like(scores), np.zeros(len(scores)))
+        slopes = Slopes(scores, information, np.zeros((*scores.shape, 0)), np.zeros((len(scores), 0, 0)))
         return Ranged(walls, value, slopes if derive else None)
 
 

@@ -243,7 +243,8 @@ def test_an_edge_whose_r_is_vague_is_not_certain():
     found = judged(search, truth)
     share, slopes = np.where(np.arange(15) % 5 == 2, 1e-3, 1.0), found.wave.slopes
     vague = found._replace(wave=found.wave.with_slopes(Slopes(
-        slopes.scores * share, slopes.information * np.outer(share, share), slopes.by_phase * share, slopes.phase)))
+        slopes.scores * share, slopes.information * np.outer(share, share), slopes.by_phase * share[:, None],
+        slopes.phase)))
     sure = certainty_of(search, vague)
     assert np.sqrt(sure.covariance[4, 4]) > search.data.pulse.width_m / 2.0
     np.testing.assert_array_equal(sure.likelihood < CERTAIN, np.arange(5) == 2)

@@ -45,7 +45,7 @@ def test_the_prior_is_a_gaussian_of_the_losses_of_what_is_heard():
     assert WALLS.log_prior() == pytest.approx(-0.5 * np.sum(loss**2) / LOSS_DEVIATION**2)
     steps = 1e-6 * np.eye(9)
     slopes = [(WALLS.moved(step).log_prior() - WALLS.moved(-step).log_prior()) / 2e-6 for step in steps]
-    nothing = Slopes(np.zeros((1, 9)), np.zeros((1, 9, 9)), np.zeros((1, 9)), np.zeros(1))
+    nothing = Slopes(np.zeros((1, 9)), np.zeros((1, 9, 9)), np.zeros((1, 9, 0)), np.zeros((1, 0, 0)))
     np.testing.assert_allclose(WALLS.gradient(nothing), slopes, atol=1e-6)
     assert WALLS.information(nothing)[8, 8] == pytest.approx(-np.diff(
         [WALLS.moved(share * 1e-3 * np.eye(9)[8]).log_prior() for share in (-1.0, 0.0, 1.0)], 2)[0] / 1e-6)

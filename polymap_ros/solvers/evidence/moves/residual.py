@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.solvers.evidence.edge_phase import EdgePhase
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.exchange import with_line
 from polymap_ros.solvers.evidence.moves.standing import Standing
@@ -23,7 +24,7 @@ def add_from_residual(ground: Ground, standing: Standing) -> Wave | None:
     expected = np.maximum(np.mean(left.power, axis=0, keepdims=True), 1.0)
     base = base_of(ground, standing.power, wave)
     lines = strongest_chords(left, expected, base.strength, wave.walls.lines, CHORDS)
-    return with_another(ground, base, lines, ground.worth(wave))
+    return with_another(ground, base, lines, ground.worth(wave), wave.edge)
 
 
 def base_of(ground: Ground, like: Power, wave: Wave) -> Power:
@@ -32,7 +33,9 @@ def base_of(ground: Ground, like: Power, wave: Wave) -> Power:
     return like.with_walls(wave.walls) if fitted is None else fitted
 
 
-def with_another(ground: Ground, base: Power, lines: NDArray[np.float64], worth: float) -> Wave | None:
+def with_another(
+    ground: Ground, base: Power, lines: NDArray[np.float64], worth: float, edge: EdgePhase
+) -> Wave | None:
     """Return the first waveform with one of `lines` added to a base, the best by power first, that is worth more."""
     score = ground.power.value(base.walls, base, SEARCH_ORDER)
     refined = []
@@ -50,7 +53,7 @@ def with_another(ground: Ground, base: Power, lines: NDArray[np.float64], worth:
             break
         ground.checkpoint()
         full = ground.power.refine(power.walls, power, FULL_ORDER, 6)
-        more = None if full is None else ground.aligned(full)
+        more = None if full is None else ground.aligned(full, edge)
         if more is not None and ground.worth(more) > worth + DIFFERENT:
             return more
     return None

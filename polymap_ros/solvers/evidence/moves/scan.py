@@ -24,7 +24,7 @@ def replace_by_scan(ground: Ground, standing: Standing) -> Wave | None:
     worth = sorted((base for base in bases if base is not None), key=lambda base: -base.value)
     for other in (*worth[:EXCHANGED], wave):
         base = base_of(ground, standing.power, other)
-        changed = with_another(ground, base, scanned(ground, base), wave.value - PRICE * len(wave.walls))
+        changed = with_another(ground, base, scanned(ground, base), wave.value - PRICE * len(wave.walls), wave.edge)
         if changed is not None:
             return changed
     return None
