@@ -1,4 +1,4 @@
-"""In which unit a sample period was given that cannot be one in seconds."""
+"""In which unit a sample period or a range was given that cannot be one in seconds or metres."""
 
 from math import isfinite, log10
 
@@ -6,6 +6,7 @@ _TOLERANCE = 0.05
 """Of a unit's factor: what a driver rounds."""
 
 _FACTORS = {1e-3: 'milliseconds', 1e-6: 'microseconds', 1e-9: 'nanoseconds'}
+_LENGTHS = {1e-3: 'millimetres', 1e-2: 'centimetres', 1e3: 'kilometres'}
 _RATES = {1.0: 'a sample rate in Hz', 1e3: 'a sample rate in kHz', 1e6: 'a sample rate in MHz'}
 
 
@@ -47,6 +48,21 @@ def likely_period(found_s: float, longest_s: float, shortest_s: float) -> float 
     units = [*(found_s * factor for factor in _FACTORS), *(1.0 / (found_s * factor) for factor in _RATES),
              *(found_s * 10.0**power for power in (3, 6, 9, -1, 1, -2, 2, -4, 4, -5, 5))]
     return next((period_s for period_s in units if shortest_s <= period_s < longest_s), None)
+
+
+def likely_length(found_m: float, shortest_m: float, longest_m: float) -> str:
+    """Say in which unit a length may be that is out of bounds in metres; empty where none fits.
+
+    Parameters
+    ----------
+    found_m : float
+        The length as it was given, taken for metres.
+    shortest_m, longest_m : float
+        Between these it makes sense [m].
+    """
+    units = [f'{unit} ({found_m * factor:g} m)' for factor, unit in _LENGTHS.items()
+             if shortest_m <= found_m * factor <= longest_m]
+    return f': {found_m:g} looks like {" or ".join(units)}, ranges are in metres' if units else ''
 
 
 def _alike(value: float, other: float) -> bool:
