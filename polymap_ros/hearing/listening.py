@@ -16,7 +16,7 @@ from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
 from polymap_ros.acoustics.ping import FAINTEST, LOUDEST, Ping
 from polymap_ros.acoustics.pulse import Pulse, RecordedPulse, make_pulse, same_period
 from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
-from polymap_ros.acoustics.units import likely_length, likely_period, likely_unit
+from polymap_ros.acoustics.units import guessed_unit, likely_length
 from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.signals import Signals
@@ -216,8 +216,8 @@ class Listener:
         """Name the unit that the sample period of a ping that cannot be right may be in."""
         longest_s = 1.0 / (_FEWEST_PER_CYCLE * self._parameters.pulse.frequency_hz)
         useful_s = 2.0 * float(self._ranges_m[-1]) / self._speed_m_s / max(ping.samples.size, 1)
-        found = likely_period(ping.period_s, min(longest_s, _MOST_REACH * useful_s), useful_s / _MOST_REACH)
-        return '' if found is None else likely_unit(ping.period_s, found)
+        return guessed_unit(ping.period_s, useful_s, min(longest_s, _MOST_REACH * useful_s), useful_s / _MOST_REACH,
+                            ping.samples.size)
 
     def _check_converter(self, ping: Ping) -> None:
         """Raise `BadPing` if more samples beyond the blanking are clipped or dropped out than `front_end.max_bad`."""
