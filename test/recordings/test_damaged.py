@@ -219,6 +219,18 @@ def test_a_missing_part_costs_its_messages(write_recording, tmp_path, told):
     assert {caution.code for caution in cautions[1:]} == {'recording_incomplete'}
 
 
+@pytest.mark.parametrize(('name', 'told_of'), [('run_{}', ['run_1']), ('run_{:03d}', ['run_001']), ('run_{}7', [])])
+def test_without_metadata_a_gap_in_the_numbers_is_a_missing_part(tmp_path, messages, name, told_of):
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    for number in (0, 2):
+        write_mcap(folder / f'{name.format(number)}.mcap', messages[20 * number:20 * number + 20])
+    found, cautions = read(folder)
+    assert len(found) == 40
+    assert [part in cautions[0].text for part in told_of] == [True] * len(told_of)
+    assert ('the part ' in cautions[0].finding) == bool(told_of)
+
+
 def test_a_part_that_cannot_be_read_costs_its_messages(write_recording, tmp_path, told):
     folder = split(write_recording(), tmp_path / 'parts')
     (folder / 'parts_2.mcap').write_bytes(b'')
