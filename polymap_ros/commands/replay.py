@@ -84,8 +84,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if parameters.output.load_path and (what := calibrated(arguments)):
         option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero'}[what]
         raise UsageError(f'--{option} starts from a recording alone; leave output.load_path out')
-    _refuse_collections(arguments.recordings)
     output = arguments.output or Path(parameters.output.dir)
+    _refuse_collections(arguments.recordings, output)
     folders = _folders(arguments.recordings, output, arguments.report)
     _check(arguments, parameters, folders)
     if arguments.scheduler:
@@ -117,14 +117,19 @@ def _replay_many(jobs: Sequence[Job], arguments: argparse.Namespace, output: Pat
     return max(ledger.status, console.WRONG if problem else console.DONE)
 
 
-def _refuse_collections(recordings: Sequence[Path]) -> None:
+def _refuse_collections(recordings: Sequence[Path], output: Path) -> None:
     """Of a folder that holds recordings and is none, name them all."""
-    from polymap_ros.recordings.finding import collection
+    from polymap_ros.recordings.finding import collection, recording_name
 
     for path in recordings:
         if found := collection(path):
+            commands = f'{PROGRAM} {shlex.join(map(str, found))}'
+            if len(set(map(recording_name, found))) < len(found):  # which would name their folders of results
+                commands = '; '.join(
+                    f'{PROGRAM} {shlex.join([str(each), "--output", str(output / each.relative_to(path))])}'
+                    for each in found)
             raise UsageError(f'{path}: is no recording, but holds {len(found)}; to replay '
-                             f'{"it" if len(found) == 1 else "all of them"}: {PROGRAM} {shlex.join(map(str, found))}')
+                             f'{"it" if len(found) == 1 else "all of them"}: {commands}')
 
 
 def _check(arguments: argparse.Namespace, parameters: Parameters, folders: dict[Path, Path]) -> None:

@@ -16,7 +16,7 @@ from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
 from polymap_ros.acoustics.ping import FAINTEST, LOUDEST, Ping
 from polymap_ros.acoustics.pulse import Pulse, RecordedPulse, make_pulse, same_period
 from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
-from polymap_ros.acoustics.units import likely_period, likely_unit
+from polymap_ros.acoustics.units import guessed_unit, likely_length
 from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.signals import Signals
@@ -38,6 +38,9 @@ _FEWEST_PER_CYCLE = 2.0
 _MOST_REACH = 30.0
 """Pings are at most so much longer or shorter than the range axis, or else their period is in another unit: less than
 1000, by which units differ, allows for."""
+
+_NEAREST, _LEAST_OF_AXIS = 0.001, 0.01
+"""Shares of the range axis: a blanking is longer than the first one, and a ping up to the second one tells no wall."""
 
 _LEAST_IN_BAND = 0.01
 """Share of the pulse's energy that the band-pass has to leave: 20 dB less of every echo, and noise is what is heard."""
@@ -181,6 +184,7 @@ class Listener:
                                       f'samples; allowed: up to {MOST_GAIN_DB:g} dB')
         needed_s = self._blanked_s(ping) + self.pulse.duration_s
         end_s = t0_s + samples.size * period_s
+        self._check_limits(ping, 0.5 * self._speed_m_s * (end_s - self.pulse.duration_s))
         if end_s < needed_s:
             raise BadPing('too_short', f'{samples.size} samples end {end_s:g} s after emission; an echo from beyond '
                                        f'the blanking is over after {needed_s:g} s{self._likely_unit(ping)}')
@@ -195,12 +199,25 @@ class Listener:
             raise BadPing('bad_samples', f'all {samples.size} samples are {samples[0]:g}: is the receiver connected?')
         self._check_converter(ping)
 
+    def _check_limits(self, ping: Ping, reach_m: float) -> None:
+        """Raise `BadPing` if the message's own limits, in another unit, leave nothing of a ping that reaches so far."""
+        end_m = float(self._ranges_m[-1])
+        last_m, allowed_m = min(end_m, reach_m), self._parameters.echo.blanking_m
+        unit = likely_length(ping.range_min_m, _NEAREST * end_m, last_m)
+        if allowed_m < last_m < ping.range_min_m and unit:
+            raise BadPing('too_short', f'range_min of the message is {ping.range_min_m:g} m, echoes can be heard up to '
+                                       f'{last_m:.3g} m{unit}')
+        if 0.0 < ping.range_max_m <= max(_LEAST_OF_AXIS * end_m, allowed_m):
+            unit = likely_length(ping.range_max_m, end_m / _MOST_REACH, end_m * _MOST_REACH)
+            raise BadPing('bad_shape', f'range_max of the message is {ping.range_max_m:g} m, which leaves nothing to '
+                                       f'hear{unit}')
+
     def _likely_unit(self, ping: Ping) -> str:
         """Name the unit that the sample period of a ping that cannot be right may be in."""
         longest_s = 1.0 / (_FEWEST_PER_CYCLE * self._parameters.pulse.frequency_hz)
         useful_s = 2.0 * float(self._ranges_m[-1]) / self._speed_m_s / max(ping.samples.size, 1)
-        found = likely_period(ping.period_s, min(longest_s, _MOST_REACH * useful_s), useful_s / _MOST_REACH)
-        return '' if found is None else likely_unit(ping.period_s, found)
+        return guessed_unit(ping.period_s, useful_s, min(longest_s, _MOST_REACH * useful_s), useful_s / _MOST_REACH,
+                            ping.samples.size)
 
     def _check_converter(self, ping: Ping) -> None:
         """Raise `BadPing` if more samples beyond the blanking are clipped or dropped out than `front_end.max_bad`."""

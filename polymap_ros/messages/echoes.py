@@ -75,7 +75,8 @@ def _from_laser_scan(message: Any, echo: EchoParameters, arrival_ns: int) -> Pin
     return Ping(
         stamp_ns=stamp_to_ns(message.header.stamp),
         samples=_samples(np.asarray(message.intensities, dtype=np.float32)),
-        period_s=_period(float(message.time_increment), 'time_increment', echo),
+        period_s=_period(float(message.time_increment), 'time_increment', echo,
+                         len(message.intensities)),
         t0_s=echo.t0_s, range_min_m=limits[0],
         range_max_m=limits[1] if isfinite(limits[1]) else 0.0, frame_id=message.header.frame_id,
     )
@@ -180,14 +181,14 @@ def _samples(values: NDArray[Any]) -> NDArray[np.floating]:
     return np.require(values, np.float64 if wide else np.float32, ['C', 'A'])
 
 
-def _period(found_s: float, where: str, echo: EchoParameters) -> float:
+def _period(found_s: float, where: str, echo: EchoParameters, count: int = 0) -> float:
     """The message's period, which must not contradict the parameter; the parameter's digits are the better ones."""
     if not (isfinite(found_s) and found_s > 0.0):
         raise BadPing('bad_shape', f'{where} gives a sample period of {found_s:g} s; allowed: above 0')
     given_s = echo.sample_period_s
     if given_s and abs(found_s - given_s) > PERIOD_TOLERANCE * given_s:
         raise BadPing('bad_shape', f'{where} gives a sample period of {found_s:g} s, '
-                                   f'echo.sample_period_s {given_s:g} s{likely_unit(found_s, given_s)}')
+                                   f'echo.sample_period_s {given_s:g} s{likely_unit(found_s, given_s, count)}')
     return given_s or found_s
 
 

@@ -149,7 +149,19 @@ def _without_metadata(path: Path, problem: str, files: Sequence[Path]) -> Layout
     if len({_recording(part) for part in parts}) > 1:
         names = ', '.join(sorted(file.name for file in files))
         raise RecordingError(f'{path}: {problem}; name the file itself: {names}')
-    return Layout(list(parts.values()), remarks=[f'{path.name} {problem}: what is missing cannot be told'])
+    faults = [f'{path.name}: the part {name} is missing' for name in _between(list(parts))]
+    return Layout(list(parts.values()), faults=faults,
+                  remarks=[f'{path.name} {problem}: what {"else " if faults else ""}is missing cannot be told'])
+
+
+def _between(parts: Sequence[str]) -> list[str]:
+    """The parts whose numbers are left out; none where most would be, as where the numbers are dates."""
+    found = [match for part in parts if (match := _PART.fullmatch(part))]
+    numbers = {int(match[2]) for match in found}
+    if not numbers or max(numbers) - min(numbers) >= 2 * len(numbers):
+        return []
+    return [f'{found[0][1]}_{number:0{len(found[0][2])}d}' for number in range(min(numbers), max(numbers))
+            if number not in numbers]
 
 
 def _grouped(path: Path, files: Iterable[Path]) -> dict[str, list[Path]]:

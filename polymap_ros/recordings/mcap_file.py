@@ -56,6 +56,13 @@ class McapFile:
         What the user calls it.
     content : Path, optional
         Where it lies, if not there.
+    begin : int, optional
+        Its first byte there, where it was appended to another one.
+
+    Attributes
+    ----------
+    next : int or None
+        First byte of the MCAP file that was appended to this one; None where there is none.
 
     Raises
     ------
@@ -63,8 +70,10 @@ class McapFile:
         For what is no MCAP file, and one that nothing can be read from.
     """
 
-    def __init__(self, path: Path, content: Path | None = None) -> None:
+    def __init__(self, path: Path, content: Path | None = None, begin: int = 0) -> None:
         self.path = path
+        self.next: int | None = None
+        self._begin = begin
         self.faults: list[str] = []
         self._schemas: dict[int, Any] = {}
         self._channels: dict[int, Any] = {}
@@ -113,9 +122,9 @@ class McapFile:
     def _survey(self) -> None:
         """Find the chunks, and what lies outside of them; the chunks themselves are not read."""
         size = self._stream.seek(0, 2)
-        if self._bytes(0, len(MAGIC)) != MAGIC:
+        if not self._is_magic(self._begin):
             raise RecordingError(f'{self.path}: cannot be read: is no MCAP file')
-        offset, promised, ended = len(MAGIC), 0, False
+        offset, promised, ended = self._begin + len(MAGIC), 0, False
         while not ended:
             opcode, length = self._head(offset, size)
             if not opcode:
@@ -130,10 +139,20 @@ class McapFile:
             ended = opcode == FOOTER
         if promised > most_of(size):
             raise RecordingError(f'{self.path}: its {size} bytes promise to become {promised}, which is refused')
-        if not ended or self._bytes(offset, len(MAGIC)) != MAGIC:
+        if not ended or not self._is_magic(offset):
             self._counts = None
             self.faults.append(f'{self.path.name} has no end: it was cut off, or is still being written; of its {size} '
                                f'bytes the first {offset} are whole')
+        else:
+            offset += len(MAGIC)
+        if self._is_magic(offset):
+            self.next = offset
+        elif ended and any(any(self._bytes(start, 2**20)) for start in range(offset, size, 2**20)):
+            self.faults.append(f'{self.path.name}: {size - offset} bytes after its end, at byte {offset}, are not '
+                               'read: if they are another recording, split the file there')
+
+    def _is_magic(self, offset: int) -> bool:
+        return self._bytes(offset, len(MAGIC)) == MAGIC
 
     def _head(self, offset: int, size: int) -> tuple[int, int]:
         """Opcode and length of a record; 0 for what is none, or reaches beyond the end of the file."""
@@ -145,10 +164,11 @@ class McapFile:
         """Where the file's own index says that chunks, and the index itself, begin; nothing where it has no end."""
         footer = size - len(MAGIC) - 20
         try:
-            begin, _, _ = struct.unpack('<QQI', self._bytes(footer, 20))
-            records = records_of(self._bytes(begin, footer - RECORD.size - begin)) if begin else []
-            return [begin, *(struct.unpack_from('<Q', record, 16)[0] for opcode, record in records
-                             if opcode == CHUNK_INDEX)] if begin else []
+            summary, _, _ = struct.unpack('<QQI', self._bytes(footer, 20))
+            begin = self._begin + summary
+            records = records_of(self._bytes(begin, footer - RECORD.size - begin)) if summary else []
+            return [begin, *(self._begin + struct.unpack_from('<Q', record, 16)[0] for opcode, record in records
+                             if opcode == CHUNK_INDEX)] if summary else []
         except (struct.error, ValueError, OSError):
             return []
 
@@ -164,7 +184,7 @@ class McapFile:
                 self._pieces.append(_Piece(log_ns, log_ns, start, length, False))
             elif opcode in (SCHEMA, CHANNEL, STATISTICS):
                 self._learn(opcode, self._bytes(start, length))
-            elif opcode == DATA_END and not self._sums_up(0, start - RECORD.size, self._bytes(start, 4)):
+            elif opcode == DATA_END and not self._sums_up(self._begin, start - RECORD.size, self._bytes(start, 4)):
                 self.faults.append(f'{self.path.name}: the checksum of its data is wrong')
             elif opcode == FOOTER:
                 self._check_summary(start)
@@ -173,8 +193,8 @@ class McapFile:
         return 0
 
     def _check_summary(self, footer: int) -> None:
-        begin, _, _ = struct.unpack('<QQI', self._bytes(footer, 20))
-        if begin and not self._sums_up(begin, footer + 16, self._bytes(footer + 16, 4)):
+        summary, _, _ = struct.unpack('<QQI', self._bytes(footer, 20))
+        if summary and not self._sums_up(self._begin + summary, footer + 16, self._bytes(footer + 16, 4)):
             self.faults.append(f'{self.path.name}: the checksum of its summary is wrong')
 
     def _sums_up(self, begin: int, end: int, stored: bytes) -> bool:

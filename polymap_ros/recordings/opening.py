@@ -39,7 +39,7 @@ def open_parts(path: Path, layout: Layout, stack: ExitStack) -> Parts:
     failures: list[RecordingError] = []
     for part in layout.parts:
         try:
-            files.append(_soundest(part, stack))
+            files += _soundest(part, stack)
         except RecordingError as error:
             failures.append(error)
     if not files:
@@ -56,18 +56,20 @@ def _without_copies(files: list[StoredFile]) -> tuple[list[StoredFile], list[str
         topics = frozenset(channel.topic for channel in file.channels if channel.message_count)
         alike.setdefault((file.start_ns, topics) if file.start_ns < file.end_ns else file.path, []).append(file)
     most = {id(file): max(same, key=_message_count) for same in alike.values() for file in same}
+    copies = [(file.path.name, most[id(file)].path.name) for file in files if most[id(file)] is not file]
     return ([file for file in files if most[id(file)] is file],
-            [f'left out: {file.path.name}, a copy of {most[id(file)].path.name}'
-             for file in files if most[id(file)] is not file])
+            [f'left out: {name}, a copy of {other}' if name != other else
+             f'left out of {name}: a recording that was appended and is a copy of another one in it'
+             for name, other in copies])
 
 
 def _message_count(file: StoredFile) -> int:
     return sum(channel.message_count for channel in file.channels)
 
 
-def _soundest(part: list[Path], stack: ExitStack) -> StoredFile:
-    """The first file without a fault, or else the first that can be read."""
-    found: list[StoredFile] = []
+def _soundest(part: list[Path], stack: ExitStack) -> list[StoredFile]:
+    """What the first file without a fault holds, or else the first that can be read."""
+    found: list[list[StoredFile]] = []
     failures: list[RecordingError] = []
     for path in part:
         try:
@@ -75,14 +77,14 @@ def _soundest(part: list[Path], stack: ExitStack) -> StoredFile:
         except RecordingError as error:
             failures.append(error)
             continue
-        if not found[-1].faults:
+        if not any(file.faults for file in found[-1]):
             return found[-1]
     if not found:
         raise failures[0]
     return found[0]
 
 
-def _opened(path: Path, stack: ExitStack) -> StoredFile:
+def _opened(path: Path, stack: ExitStack) -> list[StoredFile]:
     """A file by its content, which is what comes out where it is compressed; the user's path names it."""
     content, faults = path, list[str]()
     try:
@@ -96,13 +98,34 @@ def _opened(path: Path, stack: ExitStack) -> StoredFile:
             content = target
         if kind not in ('mcap', 'sqlite3'):
             raise RecordingError(f'{path}: cannot be read: {refusal(content, kind, path)}')
-        file: StoredFile = McapFile(path, content) if kind == 'mcap' else SqliteFile(path, content)
+        files = _appended(path, content, stack) if kind == 'mcap' else [_kept(SqliteFile(path, content), stack)]
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror or error}') from error
     except RecordingError as error:
         raise RecordingError('; '.join([str(error), *faults])) from error
+    files[0].faults[:0] = faults
+    return files
+
+
+def _appended(path: Path, content: Path, stack: ExitStack) -> list[StoredFile]:
+    """The MCAP file, and those that were appended to it, as by ``cat``."""
+    files: list[StoredFile] = []
+    begin: int | None = 0
+    while begin is not None:
+        try:
+            file = McapFile(path, content, begin)
+        except RecordingError as error:
+            if not files:
+                raise
+            files[-1].faults.append(f'what follows from byte {begin} on is not read: {error}')
+            break
+        files.append(_kept(file, stack))
+        begin = file.next
+    return files
+
+
+def _kept(file: StoredFile, stack: ExitStack) -> StoredFile:
     stack.callback(file.close)
-    file.faults[:0] = faults
     return file
 
 

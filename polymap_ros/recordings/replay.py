@@ -9,7 +9,7 @@ from itertools import islice
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.cautions import Caution
 from polymap_ros.errors import DROP_REASONS, BadOdometry, BadPing, RecordingError
-from polymap_ros.hearing.clocks import NOT_STAMPED
+from polymap_ros.hearing.clocks import NOT_STAMPED, apart_in_all
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import check_echo_fields
@@ -88,6 +88,7 @@ class Replay:
         self.odometry = OdometryCounts()
         self.echoes = 0
         self._stamps: set[int] = set()
+        self._first_and_last: dict[str, tuple[int, int]] = {}
         self._recording, self._mapper, self._parameters = recording, mapper, parameters
         self._interval = start_s, end_s
         self._outliers = mapper.intake.outliers
@@ -146,6 +147,10 @@ class Replay:
         remedy = next((each for name, each in _OF_PARAMETERS.items() if name in said), known.remedy if known else '')
         text = f'{of} were dropped, most as {reason}: {said.removesuffix(f"; {remedy}")}'
         blamed = [each for each in found if each.code == 'odometry_dropped' and reason in _WITHOUT_POSE]
+        if reason in _WITHOUT_POSE and not blamed and 'stamp' not in said and 'frame' not in said and (
+                stamps := apart_in_all(*(self._first_and_last.get(topic, ())
+                                         for topic in (self.echo_topic, self.odom_topic)))):
+            text += f' ({stamps})'
         return Caution('pings_dropped', text, blamed[0].text if blamed else remedy)
 
     def _feed_odometry(self, entry: Message) -> None:
@@ -158,6 +163,7 @@ class Replay:
         if len(self._stamps) < 2:
             self._stamps.add(stamp_ns)
         if self._mapper.add_pose(stamp_ns, pose, frame_id):
+            self._note_stamp(entry.topic, stamp_ns)
             self.odometry.used += 1
         else:
             same_frame = frame_id == self._mapper.frame_id
@@ -170,7 +176,12 @@ class Replay:
         except BadPing as bad:
             self._mapper.drop(bad.reason, str(bad))
             return
+        self._note_stamp(entry.topic, ping.stamp_ns)
         self._mapper.add_ping(ping)
+
+    def _note_stamp(self, topic: str, stamp_ns: int) -> None:
+        first_ns, last_ns = self._first_and_last.get(topic, (stamp_ns, stamp_ns))
+        self._first_and_last[topic] = min(first_ns, stamp_ns), max(last_ns, stamp_ns)
 
     def _check(self) -> None:
         path = self._recording.path

@@ -137,9 +137,20 @@ class SqliteFile:
             if not self._rows:
                 raise RecordingError(f'{self.path}: cannot be read: its pages are damaged, and no message can be '
                                      'rescued')
+        self._look_beyond()
         self.start_ns, self.end_ns = (0, -1) if first is None else (int(first), int(last))
         self.channels = [channel._replace(message_count=counts.get(number, 0))
                          for number, channel in self._topics.items()]
+
+    def _look_beyond(self) -> None:
+        """Say that bytes follow the database: SQLite does not look at them."""
+        pages, page = (self._database.execute(f'PRAGMA {name}').fetchone()[0] for name in ('page_count', 'page_size'))
+        with self._content.open('rb') as stream:
+            end = stream.seek(pages * page)
+            if any(any(block) for block in iter(lambda: stream.read(2**20), b'')):
+                size = self._content.stat().st_size
+                self.faults.append(f'{self.path.name}: {size - end} bytes after its end, at byte {end}, are not read: '
+                                   'if they are another recording, split the file there')
 
     def _is_sound(self) -> bool:
         try:

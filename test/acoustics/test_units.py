@@ -2,7 +2,7 @@
 
 import pytest
 
-from polymap_ros.acoustics.units import likely_period, likely_unit
+from polymap_ros.acoustics.units import guessed_unit, likely_unit
 
 RIGHT_S = 5e-7
 
@@ -25,8 +25,19 @@ def test_what_is_alike_or_none_has_no_unit(given):
     assert likely_unit(given, RIGHT_S) == ''
 
 
-@pytest.mark.parametrize(('given', 'meant'), [
-    (0.5, 5e-7), (500.0, 5e-7), (2e6, 5e-7), (5e-10, 5e-7), (5e-6, 5e-7), (1e30, None)])
-def test_the_period_that_was_meant_is_guessed(given, meant):
-    found = likely_period(given, 1e-6, 1e-7)
-    assert found == (None if meant is None else pytest.approx(meant))
+@pytest.mark.parametrize(('given', 'words'), [
+    (0.5, 'looks like microseconds, the period is in seconds (5e-07)'), (5e-10, '1000 times too short for 5e-07 s'),
+    (5e-6, '10 times too long for 5e-07 s'), (2e6, 'looks like a sample rate in Hz, '), (1e30, ''),
+    (1000.0, 'looks like nanoseconds or a sample rate in kHz, the period is in seconds (1e-06)'),
+    (1.0, 'looks like microseconds or a sample rate in MHz, the period is in seconds (1e-06)'),
+    (0.001024, 'looks like the time of all 2048 samples, the period is in seconds (5e-07), or like milliseconds'),
+    (0.0005, 'looks like milliseconds, the period is in seconds (5e-07), or like the time of all 2048 samples')])
+def test_what_was_meant_is_guessed(given, words):
+    found = guessed_unit(given, 5e-7, 2e-6, 1e-7, 2048)
+    assert words in found
+    assert bool(words) == bool(found)
+
+
+def test_the_time_of_the_whole_ping_is_no_period():
+    assert likely_unit(2048 * RIGHT_S, RIGHT_S, 2048) == (
+        ': 0.001024 looks like the time of all 2048 samples, the period is in seconds (5e-07)')

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import shlex
 import shutil
 import signal
 import subprocess
@@ -149,6 +150,16 @@ def test_a_recording_that_closes_one_that_does_not_and_one_that_fails(call, tria
     assert json.loads((tmp_path / 'maps' / 'short' / 'polygon.json').read_text())['recording'] == 'short'
     assert done.out.count('too_few') == 0  # stderr tells it
     assert done.err.count('go on pinging') == 1
+
+
+def test_recordings_of_one_name_in_a_folder_are_named_with_an_output_each(call, triangle, tmp_path):
+    for day in ('mon', 'tue'):
+        shutil.copytree(triangle, tmp_path / 'drives' / day / 'run')
+    complaint = call('replay', 'drives', '--output', 'maps', *FAST).complaint
+    commands = complaint.partition('to replay all of them: ')[2].split('; ')
+    assert commands == [f'polymap_replay drives/{day}/run --output maps/{day}/run' for day in ('mon', 'tue')]
+    assert call(*shlex.split(commands[1].removeprefix('polymap_')), *FAST).status == 0
+    assert (tmp_path / 'maps' / 'tue' / 'run' / 'polygon.json').is_file()
 
 
 def test_a_folder_of_recordings_is_refused_with_what_replays_all_of_them(call, triangle, tmp_path):

@@ -58,6 +58,21 @@ def test_what_cannot_be_used_is_refused_with_its_reason(bad, reason):
     assert str(caught.value)
 
 
+@pytest.mark.parametrize(('limits', 'words'), [
+    ({'range_min_m': 20.0, 'range_max_m': 3000.0}, r'range_min of the message is 20 m.*'
+     r'20 looks like millimetres \(0\.02 m\) or centimetres \(0\.2 m\), ranges are in metres'),
+    ({'range_max_m': 0.0025}, r'range_max of the message is 0\.0025 m.* looks like kilometres \(2\.5 m\), '),
+    ({'range_max_m': 0.15}, 'range_max of the message is 0.15 m, which leaves nothing to hear')])
+def test_a_limit_in_another_unit_is_called_by_its_field(limits, words):
+    with pytest.raises(BadPing, match=words):
+        listener(echo__blanking_m=0.2 if '0.15' in words else 0.01).check(ping(**limits))
+
+
+def test_limits_that_leave_something_to_hear_pass():
+    for limits in ({'range_min_m': 0.02}, {'range_min_m': 2.9}, {'range_max_m': 3000.0}, {'range_max_m': 0.05}):
+        listener().check(ping(**limits))
+
+
 @pytest.mark.parametrize('good', [
     ping(), ping(NOISE.astype(np.float64)), ping(NOISE[:40]), ping(period_s=4.9e-6), ping(t0_s=5e-5), ping(t0_s=-1e-4),
     ping(NOISE.astype(np.float16)), ping(with_one(1e30)),

@@ -122,7 +122,7 @@ def test_a_type_may_be_written_without_msg(make, header):
 
 def test_a_period_in_another_unit_than_the_parameter_says_is_named(make, header):
     error = refusal(scan(make, header, time_increment=1.0), SCAN, EchoParameters(sample_period_s=1e-6))
-    assert str(error).endswith(': 1 looks like microseconds, the period is in seconds (1e-06)')
+    assert str(error).endswith(': 1 looks like microseconds or a sample rate in MHz, the period is in seconds (1e-06)')
 
 
 def test_type_other_than_the_parameter_is_refused(make, header):

@@ -5,6 +5,7 @@ from contextlib import closing, suppress
 
 import numpy as np
 import pytest
+import zstandard
 from damage import cut, flipped, raw_messages, split, whole_chunks, write_mcap
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
@@ -144,6 +145,53 @@ def test_a_chunk_with_a_wrong_length_does_not_hide_those_after_it(tmp_path, mess
     assert f'bytes {chunks[1][0]} to {chunks[2][0]} are damaged and left out' in cautions[0].text
 
 
+@pytest.fixture
+def halves(tmp_path, messages):
+    """The bytes of two MCAP files; the second one has its topics in another order, so other numbers of them."""
+    half = len(messages) // 2
+    while messages[half][0] == messages[0][0]:
+        half += 1
+    return [write_mcap(tmp_path / f'{k}.mcap', part, 2**12).read_bytes()
+            for k, part in enumerate((messages[:half], messages[half:]))]
+
+
+@pytest.mark.parametrize('pack', [bytes, zstandard.ZstdCompressor().compress])
+def test_a_file_that_was_appended_to_another_is_read_too(tmp_path, halves, told, pack):
+    path = tmp_path / 'both.mcap'
+    path.write_bytes(b''.join(map(pack, halves)))
+    assert read(path) == (told, [])
+
+
+def test_damage_of_a_file_that_was_appended_is_told(tmp_path, messages, halves, told):
+    path, (first, second) = tmp_path / 'both.mcap', halves
+    (start, stop), (then, _), *_ = whole_chunks(tmp_path / '1.mcap')
+    hurt = bytearray(second)
+    hurt[start + 6] ^= 1  # the length of its first chunk's record
+    path.write_bytes(first + hurt)
+    found, cautions = read(path)
+    assert cautions[0].text.startswith(f'both.mcap: bytes {len(first) + start} to {len(first) + then} are damaged')
+    assert len(found) == len(told) - len(read_chunk(tmp_path / '1.mcap', (start, stop)))
+    path.write_bytes(first + second[:300])
+    found, (caution,) = read(path)
+    assert (len(found) < len(told), 'what follows from byte' in caution.text) == (True, True)
+    path.write_bytes(first + first)
+    found, (caution,) = read(path)
+    assert (found, caution.code) == (told[:len(found)], 'recording_inconsistent')
+
+
+@pytest.mark.parametrize(('kind', 'rest', 'is_told'), [
+    ('mcap', bytes(4096), False), ('mcap', bytes(4096) + b'x', True), ('db3', bytes(4096), False), ('db3', None, True)])
+def test_what_follows_the_end_is_told_unless_it_is_zeros(write_recording, told, kind, rest, is_told):
+    path = write_recording(f'run.{kind}')
+    content = path.read_bytes()
+    path.write_bytes(content + (content if rest is None else rest))
+    found, cautions = read(path)
+    number = len(content if rest is None else rest)
+    assert found == told
+    assert [f'{path.name}: {number} bytes after its end, at byte {len(content)}, are not read' in caution.text
+            for caution in cautions] == [True] * is_told
+
+
 def test_a_folder_after_a_power_cut(tmp_path, messages, told):
     folder = tmp_path / 'drive'
     folder.mkdir()
@@ -169,6 +217,18 @@ def test_a_missing_part_costs_its_messages(write_recording, tmp_path, told):
     assert found == told[:20] + told[40:]
     assert cautions[0].finding == 'parts: the part parts_1.mcap is missing'
     assert {caution.code for caution in cautions[1:]} == {'recording_incomplete'}
+
+
+@pytest.mark.parametrize(('name', 'told_of'), [('run_{}', ['run_1']), ('run_{:03d}', ['run_001']), ('run_{}7', [])])
+def test_without_metadata_a_gap_in_the_numbers_is_a_missing_part(tmp_path, messages, name, told_of):
+    folder = tmp_path / 'run'
+    folder.mkdir()
+    for number in (0, 2):
+        write_mcap(folder / f'{name.format(number)}.mcap', messages[20 * number:20 * number + 20])
+    found, cautions = read(folder)
+    assert len(found) == 40
+    assert [part in cautions[0].text for part in told_of] == [True] * len(told_of)
+    assert ('the part ' in cautions[0].finding) == bool(told_of)
 
 
 def test_a_part_that_cannot_be_read_costs_its_messages(write_recording, tmp_path, told):

@@ -99,6 +99,21 @@ def test_echoes_whose_clock_is_ahead_by_less_than_the_recording_is_long(altered)
     assert 'stamped by the same clock' in text.split('; ')[1]
 
 
+@pytest.mark.parametrize(('offset_s', 'words'), [
+    (18, 'the echoes are stamped 118.050 to 119.950 s, the odometry 100.000 to 102.000 s'),
+    (-60, 'the echoes are stamped 40.050 to 41.950 s, the odometry 100.000 to 102.000 s'),
+    (600, 'the echoes are stamped 700.050 to 701.950 s, the odometry 100.000 to 102.000 s'),
+    (3600, 'that is another clock'), (3599, 'that is another clock')])
+def test_echoes_of_a_clock_that_is_off_by_seconds_or_an_hour(altered, offset_s, words):
+    def change(topic, message):
+        stamp = message.header.stamp
+        return stamped(message, (stamp.sec + offset_s) * 10**9 + stamp.nanosec) if topic == '/echo' else message
+
+    text = told(altered(change))
+    assert text.startswith('all pings were dropped, most as ')
+    assert (words in text, 'stamped by the same clock' in text) == (True, True)
+
+
 def test_echoes_whose_period_is_in_microseconds(altered):
     def change(topic, message):
         return dataclasses.replace(message, time_increment=1.0) if topic == '/echo' else message
