@@ -22,9 +22,10 @@ TAKES = {
     'rviz_default_plugins/Odometry': 'nav_msgs/msg/Odometry',
     'rviz_default_plugins/Image': 'sensor_msgs/msg/Image',
     'rviz_default_plugins/Path': 'nav_msgs/msg/Path',
+    'rviz_default_plugins/PoseWithCovariance': 'geometry_msgs/msg/PoseWithCovarianceStamped',
 }
 DRAWN_IN_3D = {'nav_msgs/msg/OccupancyGrid', 'visualization_msgs/msg/MarkerArray', 'geometry_msgs/msg/PolygonStamped',
-               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path'}
+               'nav_msgs/msg/Odometry', 'nav_msgs/msg/Path', 'geometry_msgs/msg/PoseWithCovarianceStamped'}
 
 
 @pytest.fixture(scope='module')
@@ -65,7 +66,7 @@ def test_rviz_gets_what_is_latched_and_loses_no_odometry(rviz, recorded):
     for topic, entry in displays(rviz).items():
         [offered] = connections[topic].ext.offered_qos_profiles
         latched = offered.durability == QosDurability.TRANSIENT_LOCAL
-        assert latched == (topic != '/odom')
+        assert latched == (topic not in ('/odom', '/polymap_node/pose'))
         assert entry['Topic']['Durability Policy'] == ('Transient Local' if latched else 'Volatile')
         assert offered.reliability == QosReliability.RELIABLE
         # Odometry may be best effort on a robot, which a reliable subscriber would not get.

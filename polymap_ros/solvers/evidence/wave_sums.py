@@ -9,6 +9,7 @@ from polymap_ros.geometry.image_sources import walls_of
 from polymap_ros.geometry.outline import is_convex
 from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
 from polymap_ros.jit import kernel
+from polymap_ros.solvers.evidence.edge_phase import COMMON
 
 
 class Sums(NamedTuple):
@@ -105,14 +106,14 @@ def _delay(paths: Paths, m: int, table: NDArray[np.float64], own: NDArray[np.flo
 def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
     """Slopes of a path's delay: its reflections, the sums of s^2 and of s^4, and by wall its reflections there."""
     delays[m] = 0.0
-    by_wall = delays.shape[1] > 3
+    by_wall = delays.shape[1] > COMMON
     for level in range(paths.hits[m]):
         s2 = max(1.0 - paths.slopes[m, level, 0] ** 2, 0.0)
         delays[m, 0] += 1.0
         delays[m, 1] += s2
         delays[m, 2] += s2 * s2
         if by_wall:
-            delays[m, 3 + paths.walls[m, level]] += 1.0
+            delays[m, COMMON + paths.walls[m, level]] += 1.0
 
 
 @kernel
