@@ -60,6 +60,20 @@ if importlib.util.find_spec('rclpy') is not None:
     _ros_environment(Path(_FOLDER.name))
 
 
+LONG = ('node', 'calibration', 'solvers/evidence/test_doubt', 'solvers/evidence/test_drift',
+        'solvers/evidence/test_localising', 'solvers/evidence/test_solver', 'evaluation', 'commands/test_calibrating',
+        'commands/test_copper_tilt', 'commands/test_evaluate', 'commands/test_fleet', 'commands/test_replay')
+"""Folders and files whose tests take two thirds of the time; what is tried on the oldest versions goes without them."""
+
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if os.path.relpath(item.path, HERE).startswith(LONG):
+            item.add_marker(pytest.mark.long)
+
+
 FAR = 1e4
 """Half the side of the square that stands for the whole plane, in units of the farthest line."""
 

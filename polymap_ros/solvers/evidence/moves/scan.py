@@ -22,7 +22,7 @@ def replace_by_scan(ground: Ground, standing: Standing) -> Wave | None:
         ground.checkpoint()
         bases.append(_without(ground, wave, wall))
     worth = sorted((base for base in bases if base is not None), key=lambda base: -base.value)
-    for other in (*worth[:EXCHANGED], wave):
+    for other in (*worth[:EXCHANGED], *([wave] if len(wave.walls) < ground.max_edges else [])):
         base = base_of(ground, standing.power, other)
         changed = with_another(ground, base, scanned(ground, base), wave.value - PRICE * len(wave.walls), wave.edge)
         if changed is not None:
