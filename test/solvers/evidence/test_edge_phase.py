@@ -88,6 +88,7 @@ def test_a_free_edge_that_is_known_is_taken_as_such():
 
 
 def test_edges_that_are_said_to_be_real_stay_so():
+    """``medium.edge: real`` tries no law; with any, this plate's edges turn the phase."""
     scene = dataclasses.replace(random_scene(2, 4), edges=Edges(delay_deg=90.0),
                                 told_medium=MediumParameters(edge='real'))
     mapper = filled_mapper(scene, Parameters())
