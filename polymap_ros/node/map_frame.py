@@ -16,7 +16,7 @@ from polymap_ros.node.factory import make, message_class
 from polymap_ros.node.qos import no_events
 from polymap_ros.node.stopwatch import Stopwatch
 
-_REMEMBERED = 1000
+_KNOWN_AS_OWN = 1000
 """Broadcasts that are known as the node's own when they come back."""
 
 
@@ -39,7 +39,7 @@ class MapFrame:
         self._node, self._mapper, self._slam = node, mapper, mapper.parameters.slam
         self._newest = NewestPose(make, mapper)
         self._origin_told = False
-        self._sent: deque[tuple[Any, ...]] = deque(maxlen=_REMEMBERED)
+        self._sent: deque[tuple[Any, ...]] = deque(maxlen=_KNOWN_AS_OWN)
         self._poses = node.create_publisher(
             message_class(POSE_TYPE), f'~/{POSE}', QoSProfile(depth=10), event_callbacks=no_events())
         self._tf = self._broadcaster()
