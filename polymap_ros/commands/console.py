@@ -231,9 +231,10 @@ def execute(program: str, job: Callable[[], int]) -> int:
     """Run a command's job as `attempt` does; Ctrl-C becomes status 130, SIGTERM 143, and nothing is left half done."""
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
-    before = {signal.SIGTERM: signal.signal(signal.SIGTERM, _terminate)}
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not where the caller has it ignored
-        before[signal.SIGINT] = signal.signal(signal.SIGINT, _interrupt)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    signal.signal(signal.SIGTERM, _terminate)
+    if before[signal.SIGINT] is signal.default_int_handler:  # not where the caller has it ignored
+        signal.signal(signal.SIGINT, _interrupt)
     _LOST.clear()
     try:
         status = attempt(program, job)
@@ -261,8 +262,11 @@ class _Interrupted(KeyboardInterrupt):
 def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> None:
     """Let a handler that raises be called again in a while, unless `signal.setitimer` is set to 0 before.
 
-    What is raised in a finalizer or a callback from C, Python tells on stderr and goes on.
+    What is raised in a finalizer or a callback from C, Python tells on stderr and goes on. Until then further signals
+    are ignored: a second one would cut short what the first has begun to clean up.
     """
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, handler)
     signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
 

@@ -170,6 +170,5 @@ def _in_process(job: Callable[..., Any], *arguments: Any) -> Done:
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     console.again_if_ignored(_stop)
     console.stop(KeyboardInterrupt())

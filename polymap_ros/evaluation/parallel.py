@@ -44,6 +44,8 @@ def job_futures(
         for future in as_completed(numbers):
             yield numbers[future], future
     except BaseException:
+        # What a signal's handler raised has arrived; raised again by its alarm it would leave the pool's lock held.
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for process in set(multiprocessing.active_children()) - others:
             process.terminate()
         raise
