@@ -46,6 +46,9 @@ CAUTIONS = {
     'too_few_pings': Kind(
         'path', 'fewer pings could be used than a polygon takes',
         'go on pinging while the robot drives along all walls; some tens of pings are a good start'),
+    'pings_far_apart': Kind(
+        'path', 'by the odometry the robot drives further from one ping to the next than it listens',
+        'check that the odometry is in metres; where it is, ping more often on the way, or raise grid.range_max_m'),
     'straight_path': Kind(
         'path', 'the path does not tell walls from their mirror images',
         'drive a turn, so that the path leaves that line by a tenth of its length or more'),
@@ -131,6 +134,9 @@ CAUTIONS = {
 """By code, the earliest stage first. A code that is not here cannot be made."""
 
 
+_OF_FAULTY_SAMPLES = ('baseline_drift', 'echo_band')
+
+
 @dataclass(frozen=True)
 class Caution:
     """Something the user must know about an answer.
@@ -185,8 +191,13 @@ def causes(cautions: Sequence[Caution]) -> list[Caution]:
         return [*dropped, *(each for each in causes(rest) if CAUTIONS[each.code].about not in ('recording', 'path'))]
     if cautions[0].code == 'too_few_pings':
         return [cautions[0], *_about('recording', cautions)]
-    band = [each for each in cautions if each.code in ('baseline_drift', 'echo_band')]
+    band = [each for each in cautions if each.code in _OF_FAULTY_SAMPLES]
     return band[:1] or _about('device', cautions) or [cautions[0]]
+
+
+def of_faulty_samples(cautions: Sequence[Caution]) -> bool:
+    """Whether samples by themselves tell that they are not what the parameters say."""
+    return any(each.code in _OF_FAULTY_SAMPLES for each in cautions)
 
 
 def of_the_first_stage(answer: Sequence[Caution], others: Sequence[Caution]) -> tuple[Caution, ...]:

@@ -2,7 +2,7 @@
 
 from polymap_ros.calibration.fit import Fit, calibrated_medium, calibrated_odometry, needed
 from polymap_ros.calibration.session import Session
-from polymap_ros.cautions import Caution
+from polymap_ros.cautions import Caution, of_faulty_samples
 from polymap_ros.solvers.estimate import Estimate
 
 SYMPTOMS = {'unexplained', 'incoherent', 'not_closed', 'weak_edge'}
@@ -26,7 +26,8 @@ _TEXTS = {
 def doubtful(estimate: Estimate) -> bool:
     """Whether there is reason to look for a wrong medium or odometry."""
     codes = {caution.code for caution in estimate.cautions}
-    return estimate.method == 'evidence' and bool(codes & SYMPTOMS) and 'straight_path' not in codes
+    blamed = 'straight_path' in codes or of_faulty_samples(estimate.cautions)
+    return estimate.method == 'evidence' and bool(codes & SYMPTOMS) and not blamed
 
 
 def diagnosis(session: Session) -> Fit | None:

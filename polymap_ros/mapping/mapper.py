@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import Polygon, contains_xy
 
 from polymap_ros.acoustics.pulse import RecordedPulse
+from polymap_ros.cautions import Caution, of_faulty_samples
 from polymap_ros.errors import UsageError
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import in_frame, onward
@@ -128,7 +129,14 @@ class PolygonMapper(Reception):
         if self._outline is not None:
             start = self.start_pose or Pose(0.0, 0.0)
             outline = Outline(start.inverse().apply(self._outline), start)
-        return Evidence(self._kept.all, self.beam_map, self.free_area, self._listener.shape, self.places, outline)
+        return Evidence(self._kept.all, self.beam_map, self.free_area, self._listener.shape, self.places, outline,
+                        of_faulty_samples(self._of_samples))
+
+    @property
+    def _of_samples(self) -> tuple[Caution, ...]:
+        """What the samples tell by themselves."""
+        return (*self._offsets.cautions,
+                *self._band.cautions(self._listener.pulse, self.parameters.pulse.frequency_hz))
 
     def expect(self, base: Pose, place_m: float, heading_rad: float) -> None:
         """Look for the robot where somebody says that its base is now, give or take so much, in the map frame.
@@ -164,8 +172,7 @@ class PolygonMapper(Reception):
                 found = dataclasses.replace(found, iou_free_area=self._corrected.free_area.region.iou(inside))
         self._go_by(found)
         self.estimate = dataclasses.replace(found, cautions=(
-            *found.cautions, *self._common.cautions, *self._offsets.cautions,
-            *self._band.cautions(self._listener.pulse, self.parameters.pulse.frequency_hz)))
+            *found.cautions, *self._common.cautions, *self._of_samples))
         return self.estimate
 
     def adopt(self, twin: 'PolygonMapper') -> None:

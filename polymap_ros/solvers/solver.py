@@ -49,6 +49,8 @@ class Evidence:
         Where all pings were used; where not given, those of the soundings are all.
     outline : Outline, optional
         The outline in which the robot is, where that is known and only the poses are looked for.
+    faulty : bool
+        Whether the samples by themselves tell that they are not what the parameters say: no search explains them.
     """
 
     soundings: Sequence[Sounding]
@@ -57,6 +59,7 @@ class Evidence:
     pulse: PulseShape | None = None
     places: Places | None = None
     outline: Outline | None = None
+    faulty: bool = False
 
     @property
     def all_places(self) -> Places:

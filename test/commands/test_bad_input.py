@@ -222,6 +222,32 @@ def test_a_period_that_contradicts_the_parameter(call, altered, tmp_path):
     assert counts['dropped'] == {'bad_shape': 1}
 
 
+@pytest.mark.parametrize('factor', [0.25, 0.5, 2.0])
+def test_a_period_that_is_off_by_a_factor_is_the_only_cause_told_and_costs_no_search(call, altered, tmp_path, factor):
+    path = altered(only('/echo', lambda index, message: dataclasses.replace(
+        message, time_increment=factor * message.time_increment)))
+    counts, found, done = pings(call, tmp_path, path, status=1)
+    assert counts['used'] == N_PINGS
+    assert [each['code'] for each in found['warnings']] == ['echo_band']
+    assert found['walls'] == []  # which are elsewhere
+    assert 'checking medium and odometry' not in done.err
+    assert f'times too {"long" if factor > 1.0 else "short"}' in done.complaint
+
+
+@pytest.mark.parametrize('per_metre', [100.0, 1000.0])
+def test_odometry_in_another_unit_is_told_and_costs_no_search(call, altered, tmp_path, per_metre):
+    def enlarge(index, message):
+        position = message.pose.pose.position
+        position.x, position.y = per_metre * position.x, per_metre * position.y
+        return message
+
+    counts, found, done = pings(call, tmp_path, altered(only('/odom', enlarge)), status=1)
+    assert counts['used'] == N_PINGS
+    assert [each['code'] for each in found['warnings']] == ['pings_far_apart']
+    assert 'checking medium and odometry' not in done.err
+    assert 'check that the odometry is in metres' in done.complaint
+
+
 def test_pings_outside_the_odometry(call, altered, tmp_path):
     path = altered(only('/odom', lambda index, message: message if 100 < index < 300 else None))
     counts, _, _ = pings(call, tmp_path, path, *FAST)

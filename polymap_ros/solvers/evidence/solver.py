@@ -101,15 +101,16 @@ class EvidenceSolver:
     def solve(self, evidence: Evidence, checkpoint: Checkpoint = unwatched) -> Estimate:
         """Return the polygon that explains the echoes that are kept, or what is certain where none does."""
         snapshot = Snapshot.of(evidence)
-        kept = sum(1 for sounding in evidence.soundings if sounding.echo.size)
-        if kept < MIN_PINGS:
-            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(too_few_pings(kept),))
+        if unsolvable := _unsolvable(evidence):
+            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(unsolvable,))
         reported, heard = search_of(evidence, self._parameters, checkpoint), evidence.all_places.count
         chain = self._chain(evidence, reported)
         straight = _straight(snapshot)
         checkpoint()
-        search, found, track = self._found(reported, chain, heard)
+        search, found, track = self._found(reported, chain, heard, evidence.faulty)
         self._last = found
+        if evidence.faulty and (found is None or _leaves_much(search, found)):  # and no wall is where it seems
+            return Estimate('open', 'evidence', snapshot.stamp_ns)
         if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
             return self._open(snapshot, evidence, search, chain, straight)
         found, other = self._doubted(search, found, heard)
@@ -133,12 +134,12 @@ class EvidenceSolver:
                         OdometryNoise.assumed(self._parameters.slam))
 
     def _found(
-        self, reported: Search, chain: Chain, heard: int
+        self, reported: Search, chain: Chain, heard: int, faulty: bool
     ) -> tuple[Search, Found | None, Track | None]:
         """The last answer refined while it explains the echoes, or until there is more to go by; else a new search.
 
         With it the search over the pings where they were found to be, and their track where they were not where the
-        odometry says.
+        odometry says. Samples that are `faulty` are not worth more than one start.
         """
         enough = EXPLAINED + _CLEARLY - reported.uncertainty / 3.0
         track = None
@@ -158,11 +159,11 @@ class EvidenceSolver:
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
-            if number == _TRACKED_AFTER and not _explains(reported, best, enough):
+            if number == _TRACKED_AFTER and not faulty and not _explains(reported, best, enough):
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
-            if _explains(reported, best, enough):
+            if faulty or _explains(reported, best, enough):
                 return search, best, track
         if best is not None and heard >= _SCAN_AGAIN * self._scanned:
             self._scanned = heard
@@ -267,6 +268,15 @@ class EvidenceSolver:
         _, corners = corners_of(found.lines)
         away = np.linalg.norm(corners[:, None] - search.data.positions[None], axis=2).min(axis=1)
         return wording.corner_too_far(float(np.max(away))) if np.max(away) > search.data.range_max_m else None
+
+
+def _unsolvable(evidence: Evidence) -> Caution | None:
+    """Why no search is worth its time, where that is known before."""
+    heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+    if len(heard) < MIN_PINGS:
+        return too_few_pings(len(heard))
+    assert evidence.pulse is not None, 'the mapper knows its pulse'
+    return wording.far_apart(heard, evidence.pulse)
 
 
 def _explains(search: Search, found: Found | None, enough: float) -> bool:

@@ -112,6 +112,17 @@ def _cut_off(heard: Sequence[Sounding], pulse: PulseShape) -> tuple[str, str] | 
     return None
 
 
+def far_apart(heard: Sequence[Sounding], pulse: PulseShape) -> Caution | None:
+    """Say that no two pings in a row hear the same walls, as where the odometry is in millimetres."""
+    places = np.array([(sounding.x, sounding.y) for sounding in heard])
+    apart_m = float(np.median(np.hypot(*np.diff(places, axis=0).T)))
+    last_m = pulse.step_m * max((len(sounding.echo) for sounding in heard), default=0)
+    if apart_m <= last_m:
+        return None
+    return Caution('pings_far_apart', f'by the odometry it is {in_metres(apart_m)} from one ping to the next (median), '
+                                      f'and no further than {in_metres(last_m)} is listened')
+
+
 def _extent_m(heard: Sequence[Sounding]) -> float:
     """Extent of the path along x or y, whichever is larger [m]."""
     return float(max(np.ptp([(sounding.x, sounding.y) for sounding in heard], axis=0)))
