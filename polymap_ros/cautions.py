@@ -73,6 +73,9 @@ CAUTIONS = {
         'echoes', 'the samples have their energy at other frequencies than the pulse',
         'check the sample period in the messages, or echo.sample_period_s, and pulse.frequency_hz; what is louder than '
         'the echoes, such as hum, goes with front_end.band_low_hz and band_high_hz'),
+    'noise_line': Kind(
+        'echoes', 'narrow-band lines that last as long as the pings, of motors or switching supplies, are taken out',
+        "look for the machine, and keep the sensor's cable away from it"),
     'not_closed': Kind(
         'answer', 'walls were not heard that would close the polygon; those that are certain are in `walls`',
         'drive along the walls that are missing, nearer to them, and through places that they face squarely'),
@@ -134,6 +137,7 @@ CAUTIONS = {
 """By code, the earliest stage first. A code that is not here cannot be made."""
 
 
+_OF_DOUBT = ('unexplained', 'incoherent', 'weak_edge')
 _OF_FAULTY_SAMPLES = ('baseline_drift', 'echo_band')
 
 
@@ -200,18 +204,33 @@ def of_faulty_samples(cautions: Sequence[Caution]) -> bool:
     return any(each.code in _OF_FAULTY_SAMPLES for each in cautions)
 
 
+def with_those_of_samples(
+    closed: bool, answer: Sequence[Caution], samples: Sequence[Caution]
+) -> tuple[Caution, ...]:
+    """Return what an answer and its samples tell, without what the other one refutes.
+
+    A polygon that explains the echoes shows that samples are what they should be, and something else is loud where
+    `echo_band` tells of it; where none closes, what is wrong with the samples is the cause.
+    """
+    if closed and not any(each.code in _OF_DOUBT for each in answer):
+        return (*answer, *(each for each in samples if each.code != 'echo_band'))
+    return (*of_the_first_stage(answer, () if closed else samples), *samples)
+
+
 def of_the_first_stage(answer: Sequence[Caution], others: Sequence[Caution]) -> tuple[Caution, ...]:
-    """Return an answer's cautions without the one that sends the user on where pings came, and were dropped.
+    """Return the cautions of an answer that is open without those that send the user on for an earlier stage's fault.
 
     Parameters
     ----------
     answer : sequence of Caution
         Those of the answer itself.
     others : sequence of Caution
-        Those beside it, such as a recording's.
+        Those beside it, of its samples or of the recording.
     """
     dropped = any(each.code == 'pings_dropped' for each in others)
-    return tuple(each for each in answer if not (dropped and each.code == 'too_few_pings'))
+    faulty = of_faulty_samples(others)
+    return tuple(each for each in answer if not (dropped and each.code == 'too_few_pings')
+                 and not (faulty and CAUTIONS[each.code].about == 'answer'))
 
 
 def in_metres(length_m: float) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import polymap_ros
-from polymap_ros.cautions import CAUTIONS, Caution, causes, in_metres, of_the_first_stage
+from polymap_ros.cautions import CAUTIONS, Caution, causes, in_metres, of_the_first_stage, with_those_of_samples
 
 PACKAGE = Path(polymap_ros.__file__).parent
 STRINGS = {
@@ -79,3 +79,12 @@ def test_where_pings_were_dropped_nobody_is_sent_on_pinging():
     (1234.5, '1234 m')])
 def test_lengths_are_rounded_sensibly(length_m, text):
     assert in_metres(length_m) == text
+
+
+def test_a_polygon_that_explains_the_echoes_shows_that_the_period_is_right():
+    band, hum, drift, doubt, gap = (Caution(code, '') for code in (
+        'echo_band', 'baseline_drift', 'odometry_drift', 'unexplained', 'not_closed'))
+    assert with_those_of_samples(True, [drift], [hum, band]) == (drift, hum)
+    assert with_those_of_samples(True, [doubt], [band]) == (doubt, band)
+    assert with_those_of_samples(False, [gap, doubt], [band]) == (band,)
+    assert with_those_of_samples(False, [gap], []) == (gap,)

@@ -87,6 +87,13 @@ VARIANTS = {
     'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
     'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),
     'phase_by_wall': Variant('each wall by its own, within 45 degrees', _edged(spread_deg=45.0)),
+    'line': Variant("a line of 90 kHz as strong as the echoes", _faulty(lines=1)),
+    'line_+4db': Variant('the same, 4 dB stronger', _faulty(lines=1, line_db=4.0)),
+    'line_+10db': Variant('the same, 10 dB stronger', _faulty(lines=1, line_db=10.0)),
+    'lines': Variant('three lines of 70, 91 and 118 kHz, each as strong as the echoes', _faulty(lines=3, line_hz=70e3)),
+    'impulses': Variant('impulses on 2 % of the samples, 30 deviations of the noise strong', _faulty(impulses=0.02)),
+    'impulses_rung': Variant("the same, on 0.5 %, as long as a receiver's filter makes them",
+                             _faulty(impulses=0.005, impulse_width=0.7)),
     'yaw_drift': Variant('heading that drifts by 2 degrees per metre', _faulty(yaw_drift_deg_m=2.0)),
     'odometry_scale': Variant('odometry that reports 2 % too much', _faulty(odometry_scale=1.02)),
 }

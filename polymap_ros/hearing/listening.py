@@ -1,6 +1,7 @@
 """What a ping tells at its own place: eq. (3), its envelope and the closest range, or why it cannot be used."""
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from math import isfinite
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.acoustics.front_end import FrontEnd, band_pass, clipped, dropped_out, in_band
+from polymap_ros.acoustics.interference import Freed, Interference
 from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter, sampling_step
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
@@ -236,7 +238,7 @@ class Listener:
         Not finely: without the echo on the fine axis, which takes most of the work, and without the noise where
         nothing else depends on it; then that and the confidence are nan.
         """
-        correlate, gauge, front_end, width_m = self._filter(ping)
+        correlate, gauge, front_end, width_m, _ = self._filter(ping)
         samples = front_end.levelled(ping.samples)
         used = front_end.limited(samples, self._blanked_s(ping))
         echo = correlate(used, finely)
@@ -256,6 +258,15 @@ class Listener:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
         return Heard(echo if finely else _NO_ECHO, envelope, rho, noise, sure)
 
+    def freed(self, ping: Ping, known_hz: Sequence[float] = ()) -> tuple[Ping, tuple[float, ...]]:
+        """Return a ping that `check` let pass without impulses and lines, and the frequencies of these [Hz].
+
+        Lines that other pings have are at `known_hz`.
+        """
+        interference = self._filter(ping)[4]
+        samples, lines_hz = interference(ping.samples, known_hz) if interference else Freed(ping.samples)
+        return ping if samples is ping.samples else dataclasses.replace(ping, samples=samples), lines_hz
+
     def _closest(
         self, envelope: NDArray[np.floating], noise: float, blanking_m: float, width_m: float
     ) -> tuple[float, float]:
@@ -266,16 +277,18 @@ class Listener:
                else closest_range(envelope, self._step_m, blanking_m))
         return rho, confidence(envelope, *axis, rho) if isfinite(noise) else np.nan
 
-    def signals(self, ping: Ping, cleaned: Ping) -> Signals:
+    def signals(self, ping: Ping, cleaned: Ping, known_hz: Sequence[float] = ()) -> Signals:
         """What `hear` makes of a ping, and what was made of it before."""
-        _, _, front_end, _ = self._filter(ping)
-        levelled = front_end.levelled(cleaned.samples)
+        front_end = self._filter(ping)[2]
+        freed, _ = self.freed(cleaned, known_hz)
+        levelled = front_end.levelled(freed.samples)
         limited = front_end.limited(levelled, self._blanked_s(ping))
         steps = [('as received', ping.samples), ('without what is common', cleaned.samples),
+                 ('without impulses and lines', freed.samples),
                  ('without DC, with gain over time', levelled), ('in the band, blanking muted', limited)]
         changed = [after for before, after in pairwise(steps) if after[1] is not before[1]]
         time_s = np.asarray(ping.t0_s + np.arange(ping.samples.size) * ping.period_s, dtype=float)
-        heard = self.hear(cleaned)
+        heard = self.hear(freed)
         centre_s = self.pulse.centre_s
         range_m = np.asarray(0.5 * self._speed_m_s * (time_s - centre_s), dtype=float)
         return Signals((steps[0], *changed), time_s, range_m, self._ranges_m,
@@ -319,7 +332,8 @@ class Listener:
         try:
             pulse, magnitudes = self.pulse, self._parameters.echo.kind == 'envelope'
             made = (self._correlation(key), NoiseGauge(self._medium, pulse, *key[:2]),
-                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s), self.shape.width_m)
+                    FrontEnd(self._parameters.front_end, magnitudes, *key, pulse.duration_s), self.shape.width_m,
+                    None if magnitudes else Interference(pulse, *key[:2]))
         finally:
             self._begun.discard(key)
         if len(self._filters) == _FILTERS:
@@ -359,8 +373,8 @@ def _check_band(parameters: Parameters, pulse: Pulse) -> None:
 _Key: TypeAlias = tuple[int, float, float]
 """Samples, sample period [s] and time of the first sample [s]."""
 
-_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd, float]
-"""All that pings of one length, period and start are heard with; the last is the width of a cell of range [m]."""
+_Ears: TypeAlias = tuple[EchoFilter, NoiseGauge, FrontEnd, float, Interference | None]
+"""All that pings of one length, period and start are heard with; the float is the width of a cell of range [m]."""
 
 
 def _key(ping: Ping) -> _Key:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from shapely import Polygon, contains_xy
 
 from polymap_ros.acoustics.pulse import RecordedPulse
-from polymap_ros.cautions import Caution, of_faulty_samples
+from polymap_ros.cautions import Caution, with_those_of_samples
 from polymap_ros.errors import UsageError
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import in_frame, onward
@@ -130,12 +130,12 @@ class PolygonMapper(Reception):
             start = self.start_pose or Pose(0.0, 0.0)
             outline = Outline(start.inverse().apply(self._outline), start)
         return Evidence(self._kept.all, self.beam_map, self.free_area, self._listener.shape, self.places, outline,
-                        of_faulty_samples(self._of_samples))
+                        self._of_samples)
 
     @property
     def _of_samples(self) -> tuple[Caution, ...]:
         """What the samples tell by themselves."""
-        return (*self._offsets.cautions,
+        return (*self._offsets.cautions, *self._lines.cautions,
                 *self._band.cautions(self._listener.pulse, self.parameters.pulse.frequency_hz))
 
     def expect(self, base: Pose, place_m: float, heading_rad: float) -> None:
@@ -171,8 +171,8 @@ class PolygonMapper(Reception):
                 inside = start.inverse().apply(found.polygon.vertices)
                 found = dataclasses.replace(found, iou_free_area=self._corrected.free_area.region.iou(inside))
         self._go_by(found)
-        self.estimate = dataclasses.replace(found, cautions=(
-            *found.cautions, *self._common.cautions, *self._of_samples))
+        cautions = with_those_of_samples(found.status == 'closed', found.cautions, self._of_samples)
+        self.estimate = dataclasses.replace(found, cautions=(*cautions, *self._common.cautions))
         return self.estimate
 
     def adopt(self, twin: 'PolygonMapper') -> None:

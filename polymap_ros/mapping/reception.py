@@ -16,6 +16,7 @@ from polymap_ros.hearing.common_removal import CommonRemoval
 from polymap_ros.hearing.echo_band import EchoBand
 from polymap_ros.hearing.intake import Intake
 from polymap_ros.hearing.listening import Later, Listener, at_once
+from polymap_ros.hearing.noise_lines import NoiseLines
 from polymap_ros.hearing.odometer import Odometer
 from polymap_ros.hearing.offsets import Offsets
 from polymap_ros.hearing.packed_soundings import packed_soundings, unpacked_soundings
@@ -70,6 +71,7 @@ class Reception:
         self._listen(self._listener)
         self._offsets = Offsets()
         self._band = EchoBand()
+        self._lines = NoiseLines()
         self._odometer, self._mount = Odometer(), Pose(0.0, 0.0)
         self._as_reported = Surroundings.empty(self.parameters)
         self._kept = NewestPings() if self.parameters.localises else KeptPings()
@@ -178,8 +180,10 @@ class Reception:
     def _hear(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
         """Add pings, with the sensor's place in the start frame, to the maps."""
         for ping, place in placed:
+            received, (ping, lines_hz) = ping, self._listener.freed(ping, self._lines.known_hz)
+            self._lines = self._lines.taken(lines_hz)
             self._band = self._band.taken(ping, self.parameters)
-            self._offsets = self._offsets.taken(ping.samples, self.parameters)
+            self._offsets = self._offsets.taken(received.samples, self.parameters)
             base = place.compose(self._mount.inverse())
             self._odometer = self._odometer.to(base)
             self.path_log.add(ping.emission_ns, base)
@@ -201,7 +205,7 @@ class Reception:
         """Return what would be made of a ping now, step by step, to be looked at; `BadPing` if it cannot be used."""
         listener = self._listener.at(ping.period_s)
         listener.check(ping)
-        return listener.signals(ping, self._common.cleaned(ping))
+        return listener.signals(ping, self._common.cleaned(ping), self._lines.known_hz)
 
     @property
     def soundings(self) -> list[Sounding]:
@@ -213,7 +217,8 @@ class Reception:
         return {
             'frame': packed_frame(self.frame_id, self.start_pose, self.plane, self.origin),
             'soundings': packed_soundings(self._kept.all), 'waiting': {'count': np.array(len(self._kept.waiting))},
-            'offsets': self._offsets.state(), 'band': self._band.state(), 'odometer': self._odometer.state(),
+            'offsets': self._offsets.state(), 'band': self._band.state(), 'lines': self._lines.state(),
+            'odometer': self._odometer.state(),
             'path': self.path_log.state(),
             'pulse': {'period_s': np.array(self._listener.recorded_period_s)}, **self.intake.parts(),
             **{name: part.state() for name, part in self._parts.items()}}
@@ -222,6 +227,8 @@ class Reception:
         """Take over what `reception_parts` gave; what an earlier version did not know begins anew."""
         if 'band' in parts:
             self._band = EchoBand.restored(parts['band'])
+        if 'lines' in parts:
+            self._lines = NoiseLines.restored(parts['lines'])
         if 'odometer' in parts:
             self._odometer = Odometer.restored(parts['odometer'])
         if 'path' in parts:

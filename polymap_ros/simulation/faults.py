@@ -44,6 +44,17 @@ class Faults(Group):
         0.0, 'amplitude of the echoes of a second, dispersion-free mode over those of the first, on average over the '
         'run: leaking S0', minimum=0.0, maximum=1e6)
     second_mode_speed_m_s: float = parameter(SPEED_OF_S0_M_S, 'its speed', unit='m/s', above=0.0, maximum=1e6)
+    lines: int = parameter(0, 'narrow-band lines of motors and supplies, each with another phase in every ping',
+                           minimum=0, maximum=16)
+    line_hz: float = parameter(90e3, 'frequency of the first; each further one is 1.3 times higher', unit='Hz',
+                               above=0.0, maximum=1e12)
+    line_db: float = parameter(0.0, "power of each over the echoes' mean power", unit='dB', minimum=-300.0,
+                               maximum=300.0)
+    impulses: float = parameter(0.0, 'share of the samples with an impulse, as of a relay', minimum=0.0, maximum=1.0)
+    impulse_sigma: float = parameter(30.0, "their strength, in deviations of the noise, or of the echoes where "
+                                     'there is none', minimum=0.0, maximum=1e6)
+    impulse_width: float = parameter(0.0, 'their width (standard deviation); 0: one sample each', unit='samples',
+                                     minimum=0.0, maximum=1e3)
     yaw_drift_deg_m: float = parameter(0.0, 'turn of the reported heading per metre travelled', unit='deg/m',
                                        minimum=-1e6, maximum=1e6)
     odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0, maximum=1e6)

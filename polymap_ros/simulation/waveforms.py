@@ -14,6 +14,7 @@ from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.jit import kernel
 from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
 from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
+from polymap_ros.simulation.interference import INTERFERENCE_STREAM, interference
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
 
@@ -51,10 +52,11 @@ def simulate(scene: Scene | str, clean: NDArray[np.float64] | None = None) -> ND
     scene = scene if isinstance(scene, Scene) else load_scene(scene)
     clean = noise_free(scene) if clean is None else clean
     samples = scene.gains()[:, None] * clean + _clutter(scene, clean)
-    if scene.snr_db is None:
-        return np.asarray(samples)
-    power = np.mean(clean**2, axis=1, keepdims=True) * 10.0 ** (-scene.snr_db / 10.0)
-    return np.asarray(samples + np.sqrt(power) * scene.noise())
+    level = np.sqrt(np.mean(clean**2, axis=1, keepdims=True) * 10.0 ** (-(scene.snr_db or 0.0) / 10.0))
+    if scene.faults.lines or scene.faults.impulses:
+        generator = scene.generator(INTERFERENCE_STREAM)
+        samples = samples + interference(scene.faults, generator, clean, level, scene.period_s)
+    return np.asarray(samples if scene.snr_db is None else samples + level * scene.noise())
 
 
 def pings(scene: Scene, clean: NDArray[np.float64] | None = None) -> list[Ping]:

@@ -7,6 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.cautions import Caution
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.sounding import Sounding
@@ -49,8 +50,8 @@ class Evidence:
         Where all pings were used; where not given, those of the soundings are all.
     outline : Outline, optional
         The outline in which the robot is, where that is known and only the poses are looked for.
-    faulty : bool
-        Whether the samples by themselves tell that they are not what the parameters say: no search explains them.
+    cautions : tuple of Caution
+        What the samples tell by themselves.
     """
 
     soundings: Sequence[Sounding]
@@ -59,7 +60,7 @@ class Evidence:
     pulse: PulseShape | None = None
     places: Places | None = None
     outline: Outline | None = None
-    faulty: bool = False
+    cautions: tuple[Caution, ...] = ()
 
     @property
     def all_places(self) -> Places:

@@ -146,12 +146,21 @@ def information_of(support: Support) -> NDArray[np.float64]:
     phase = slopes.phase.sum(axis=0)
     if phase.size and phase[0, 0] > 0.0:
         cross = np.where(quiet[:, None], 0.0, unknowns.by_phase(slopes))
-        half = np.linalg.cholesky(phase + _RIDGE * np.diag(np.diag(phase)))
-        own = np.linalg.solve(half, cross.T)
+        own = _whitened(phase, cross.T)
         # Where the echoes fit badly, the cross term may claim more than the walls know; they keep a little of it.
         taken = float(np.linalg.eigvalsh(own @ np.linalg.solve(information, own.T))[-1])
         information -= own.T @ own / max(1.0, taken / (1.0 - _LEAST_KNOWN))
     return np.asarray(information)
+
+
+def _whitened(phase: NDArray[np.float64], cross: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what the phases (m, m) and the rest share (m, k), in directions of the phases that are known by 1 each.
+
+    Where the echoes do not tell phases apart, as where all bounce alike, their information is singular.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(phase), 1e-300))
+    known, directions = np.linalg.eigh(phase * np.outer(scale, scale))
+    return np.asarray((directions / np.sqrt(np.maximum(known, 0.0) + _RIDGE)).T @ (scale[:, None] * cross))
 
 
 def covariance_of(information: NDArray[np.float64]) -> NDArray[np.float64]:

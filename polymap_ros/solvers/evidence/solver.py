@@ -66,6 +66,13 @@ _BY_CHANCE = 2.0
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
 
+_ALONE, _SPARSE = 2.0, 0.5
+"""Times the range that is listened to which lie between a ping and the nearest other one: no place is heard by two; no
+wall is told from an echo of another one."""
+
+_LOCATED = 0.1
+"""Share of that range which the deviation of a wall may have that counts as certain."""
+
 CERTAIN = 0.9
 """Likelihood from which an edge counts as certain."""
 
@@ -101,17 +108,17 @@ class EvidenceSolver:
     def solve(self, evidence: Evidence, checkpoint: Checkpoint = unwatched) -> Estimate:
         """Return the polygon that explains the echoes that are kept, or what is certain where none does."""
         snapshot = Snapshot.of(evidence)
-        if unsolvable := _unsolvable(evidence):
-            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(unsolvable,))
+        kept = sum(1 for sounding in evidence.soundings if sounding.echo.size)
+        if kept < MIN_PINGS:
+            return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(too_few_pings(kept),))
         reported, heard = search_of(evidence, self._parameters, checkpoint), evidence.all_places.count
         chain = self._chain(evidence, reported)
         straight = _straight(snapshot)
         checkpoint()
-        search, found, track = self._found(reported, chain, heard, evidence.faulty)
+        search, found, track = self._found(reported, chain, heard, evidence)
         self._last = found
-        if evidence.faulty and (found is None or _leaves_much(search, found)):  # and no wall is where it seems
-            return Estimate('open', 'evidence', snapshot.stamp_ns)
-        if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - search.uncertainty:
+        doubt = 0.0 if _misheard(evidence) else search.uncertainty
+        if found is None or found.value <= 0.0 or found.explained < TOO_LITTLE - doubt:
             return self._open(snapshot, evidence, search, chain, straight)
         found, other = self._doubted(search, found, heard)
         joint = known(track.with_found(found), chain) if track else None
@@ -134,13 +141,16 @@ class EvidenceSolver:
                         OdometryNoise.assumed(self._parameters.slam))
 
     def _found(
-        self, reported: Search, chain: Chain, heard: int, faulty: bool
+        self, reported: Search, chain: Chain, heard: int, evidence: Evidence
     ) -> tuple[Search, Found | None, Track | None]:
         """The last answer refined while it explains the echoes, or until there is more to go by; else a new search.
 
         With it the search over the pings where they were found to be, and their track where they were not where the
-        odometry says. Samples that are `faulty` are not worth more than one start.
+        odometry says. Pings that are too far apart are not worth more than one start, nor are poses looked for then, or
+        where ranges may be off by a factor.
         """
+        apart = _apart(evidence)
+        in_vain = apart or _misheard(evidence)
         enough = EXPLAINED + _CLEARLY - reported.uncertainty / 3.0
         track = None
         if self._drift.on:
@@ -159,11 +169,11 @@ class EvidenceSolver:
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
-            if number == _TRACKED_AFTER and not faulty and not _explains(reported, best, enough):
+            if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
-            if faulty or _explains(reported, best, enough):
+            if apart or _explains(reported, best, enough):
                 return search, best, track
         if best is not None and heard >= _SCAN_AGAIN * self._scanned:
             self._scanned = heard
@@ -215,13 +225,17 @@ class EvidenceSolver:
     def _open(
         self, snapshot: Snapshot, evidence: Evidence, search: Search, chain: Chain, straight: list[Caution]
     ) -> Estimate:
-        walls = _proven_by_first_echoes(snapshot, evidence, straight)
+        walls = () if _misheard(evidence) else _proven_by_first_echoes(snapshot, evidence, straight)
         enclosing = len(half_plane_polygon([(wall.r, wall.theta) for wall in walls])[1]) > 0
         heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
         caution = wording.nothing_closes(
             len(walls), enclosing, search.max_edges, heard, search.data.pulse, bool(straight), self._untracked)
         if self._untracked:  # each wall is where the robot thought that it was
             walls = tuple(as_dead_reckoned(wall, heard, chain, search.data.pulse.width_m) for wall in walls)
+        reach_m = wording.reach_m(heard, search.data.pulse)
+        walls = tuple(wall for wall in walls if (wall.r_std or 0.0) < _LOCATED * reach_m)
+        if wording.apart_m(evidence.all_places) > _SPARSE * reach_m:
+            caution = wording.far_apart(wording.apart_m(evidence.all_places), reach_m)
         return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
                         cautions=(*straight, caution, *_dispersion(search)))
 
@@ -270,13 +284,16 @@ class EvidenceSolver:
         return wording.corner_too_far(float(np.max(away))) if np.max(away) > search.data.range_max_m else None
 
 
-def _unsolvable(evidence: Evidence) -> Caution | None:
-    """Why no search is worth its time, where that is known before."""
-    heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
-    if len(heard) < MIN_PINGS:
-        return too_few_pings(len(heard))
+def _misheard(evidence: Evidence) -> bool:
+    """Whether the samples have their energy elsewhere than the pulse: ranges may be off by a factor."""
+    return any(each.code == 'echo_band' for each in evidence.cautions)
+
+
+def _apart(evidence: Evidence) -> bool:
+    """Whether most pings are so far from all others that they hear no place that another one hears."""
     assert evidence.pulse is not None, 'the mapper knows its pulse'
-    return wording.far_apart(heard, evidence.pulse)
+    heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+    return wording.apart_m(evidence.all_places) > _ALONE * wording.reach_m(heard, evidence.pulse)
 
 
 def _explains(search: Search, found: Found | None, enough: float) -> bool:
