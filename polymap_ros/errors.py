@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 _REMEDIES = {
-    errno.ENOSPC: 'free some space there', errno.EDQUOT: 'free some space within the quota',
+    errno.ENOSPC: 'free some space there, or where df -i tells of no inodes, remove files',
+    errno.EDQUOT: 'free some space within the quota',
     errno.EFBIG: 'raise the limit of the size of files (ulimit -f)',
     errno.EROFS: 'mount it for writing',
     errno.EMFILE: 'raise the number of open files (ulimit -n)',

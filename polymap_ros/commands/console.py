@@ -42,6 +42,8 @@ class Said:
 _SAID: ContextVar[Said | None] = ContextVar('_SAID', default=None)
 _LOST: list[str] = []
 """Why this process's stdout is not complete."""
+_SIGNALS: dict[int, str] = {signal.SIGINT: 'interrupted', signal.SIGTERM: 'terminated', signal.SIGHUP: 'hung up'}
+"""That end a command, and how that is told."""
 _STOPS: list[KeyboardInterrupt] = []
 """What signals have raised to end the work."""
 
@@ -228,13 +230,16 @@ def attempt(program: str, job: Callable[[], int]) -> int:
 
 
 def execute(program: str, job: Callable[[], int]) -> int:
-    """Run a command's job as `attempt` does; Ctrl-C becomes status 130, SIGTERM 143, and nothing is left half done."""
+    """Run a command's job as `attempt` does; Ctrl-C becomes status 130, SIGTERM 143, a terminal that closes 129.
+
+    Nothing is left half done.
+    """
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    signal.signal(signal.SIGTERM, _terminate)
-    if before[signal.SIGINT] is signal.default_int_handler:  # not where the caller has it ignored
-        signal.signal(signal.SIGINT, _interrupt)
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    for number, handler in before.items():
+        if handler in (signal.SIG_DFL, signal.default_int_handler):  # not where the caller has it ignored
+            signal.signal(number, _end)
     _LOST.clear()
     try:
         status = attempt(program, job)
@@ -242,8 +247,9 @@ def execute(program: str, job: Callable[[], int]) -> int:
             complain(program, f'error: {text}')
         return max(status, WRONG) if _LOST else status
     except KeyboardInterrupt as why:
-        complain(program, str(why) or 'interrupted')
-        return TERMINATED if isinstance(why, _Terminated) else INTERRUPTED
+        number = why.number if isinstance(why, _Stopped) else int(signal.SIGINT)
+        complain(program, _SIGNALS[number])
+        return 128 + number
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
@@ -251,12 +257,12 @@ def execute(program: str, job: Callable[[], int]) -> int:
         _STOPS.clear()
 
 
-class _Terminated(KeyboardInterrupt):
-    """SIGTERM, which ends a command as Ctrl-C does."""
+class _Stopped(KeyboardInterrupt):
+    """A signal that ends a command; where a plain one is raised in an ``exec`` of text, Python has no status."""
 
-
-class _Interrupted(KeyboardInterrupt):
-    """Ctrl-C; Python ends itself by SIGINT, with no status, where a plain one was raised in an ``exec`` of text."""
+    def __init__(self, number: int) -> None:
+        super().__init__(_SIGNALS[number])
+        self.number = number
 
 
 def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> None:
@@ -265,7 +271,7 @@ def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> No
     What is raised in a finalizer or a callback from C, Python tells on stderr and goes on. Until then further signals
     are ignored: a second one would cut short what the first has begun to clean up.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in _SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     signal.signal(signal.SIGALRM, handler)
     signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
@@ -290,14 +296,9 @@ def stops_heeded() -> Iterator[None]:
             raise _STOPS[-1]
 
 
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    again_if_ignored(_terminate)
-    stop(_Terminated('terminated'))
-
-
-def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    again_if_ignored(_interrupt)
-    stop(_Interrupted())
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    again_if_ignored(lambda alarm, frame: _end(number, frame))
+    stop(_Stopped(number))
 
 
 @contextmanager

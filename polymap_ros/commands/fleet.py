@@ -159,7 +159,7 @@ def _unseen(job: Callable[..., Any], *arguments: Any) -> Done:
 
 def _in_process(job: Callable[..., Any], *arguments: Any) -> Done:
     """SIGTERM unwinds the job, which cleans up after itself, and then ends the process; without a job, at once."""
-    interrupts = signal.getsignal(signal.SIGINT)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP)}
     signal.signal(signal.SIGTERM, _stop)
     try:
         return _unseen(job, *arguments)
@@ -168,7 +168,8 @@ def _in_process(job: Callable[..., Any], *arguments: Any) -> Done:
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        signal.signal(signal.SIGINT, interrupts)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:

@@ -36,7 +36,8 @@ def job_futures(
 
     Where this ends early, closed or interrupted, the processes get SIGTERM, and this waits for their end.
     """
-    pool = ProcessPoolExecutor(processes, multiprocessing.get_context('spawn'), _end_with_parent)
+    with _interrupts_ignored():  # by the process that looks after their semaphores, too
+        pool = ProcessPoolExecutor(processes, multiprocessing.get_context('spawn'), _end_with_parent)
     others = set(multiprocessing.active_children())
     try:
         with _interrupts_ignored():
@@ -67,9 +68,13 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _interrupts_ignored() -> Iterator[None]:
-    """Processes started here ignore Ctrl-C from their first instruction on: it is this process that ends them."""
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Processes started here ignore Ctrl-C, and that the terminal closes, from their first instruction on.
+
+    It is this process that ends them.
+    """
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGHUP)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)

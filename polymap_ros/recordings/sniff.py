@@ -14,9 +14,11 @@ PACKED = ('zstd', 'lz4', 'gzip')
 ZSTD, LZ4 = b'\x28\xb5\x2f\xfd', b'\x04\x22\x4d\x18'
 """How a frame begins."""
 
+_HEAD = 512
 _MAGICS = {
     b'\x89MCAP0\r\n': 'mcap', b'SQLite format 3\0': 'sqlite3', ZSTD: 'zstd', LZ4: 'lz4', b'\x1f\x8b': 'gzip',
     b'#ROSBAG V': 'rosbag1', b'PK\x03\x04': 'zip', b'BZh': 'bzip2', b'\xfd7zXZ\0': 'xz', b'7z\xbc\xaf\x27\x1c': '7z',
+    b'\x89MCAP0\n': 'as_text', b'\x89MCAP0\r\r\n': 'as_text', b'<?xml': 'answer', b'{': 'answer', bytes(_HEAD): 'zeros',
     b'version https://git-lfs': 'lfs', b'<!DOCTYPE': 'html', b'<!doctype': 'html', b'<html': 'html',
 }
 _SKIPPABLE = struct.Struct('<II')
@@ -24,7 +26,6 @@ _SKIPPABLE_FRAMES = range(0x184D2A50, 0x184D2A60)
 """Frames of zstd and lz4 that hold something else than data; they may come first."""
 
 _UNPACKERS = {'zip': 'unzip', '7z': '7z x', 'bzip2': 'bunzip2 -k', 'xz': 'unxz -k', 'tar': 'tar xf'}
-_HEAD = 512
 
 
 def kind_of(path: Path) -> str:
@@ -72,6 +73,9 @@ def refusal(content: Path, kind: str, path: Path | None = None) -> str:
         'empty': 'the file is empty',
         'lfs': 'is a pointer of Git LFS, not the recording itself; get that with: git lfs pull',
         'html': 'is a web page, not a recording; download it again',
+        'answer': "is a server's answer (XML or JSON), not a recording; see what it says, and download it again",
+        'as_text': 'was copied as text, which changed the ends of its lines, and so all of it; copy it again as binary',
+        'zeros': 'begins with zeros: room was made for it, and nothing written; copy it again from where it was made',
         'special': 'is no regular file; a recording is a rosbag2 directory, or an MCAP or SQLite file',
     }
     if kind in known:

@@ -137,7 +137,8 @@ class SqliteFile:
             if not self._rows:
                 raise RecordingError(f'{self.path}: cannot be read: its pages are damaged, and no message can be '
                                      'rescued')
-        self._look_beyond()
+        if sound:
+            self._look_beyond()
         self.start_ns, self.end_ns = (0, -1) if first is None else (int(first), int(last))
         self.channels = [channel._replace(message_count=counts.get(number, 0))
                          for number, channel in self._topics.items()]

@@ -62,7 +62,7 @@ def test_jobs_give_the_bytes_of_single_runs_and_report_what_is_bad(run, triangle
 
 
 @pytest.mark.parametrize(('number', 'status', 'word'), [
-    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
+    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated'), (signal.SIGHUP, 129, 'hung up')])
 def test_a_signal_ends_all_processes_and_nothing_is_half_written(start, copies, tmp_path, number, status, word):
     """The first recording is short and over; two that would take for ever are under way, another one waits."""
     recordings = copies(3)
@@ -73,7 +73,7 @@ def test_a_signal_ends_all_processes_and_nothing_is_half_written(start, copies, 
     seen = b''
     while b'broken.mcap' not in seen:
         seen += process.stderr.read1(4096)
-    os.killpg(process.pid, number) if number == signal.SIGINT else process.send_signal(number)
+    os.killpg(process.pid, number) if number != signal.SIGTERM else process.send_signal(number)
     out, err = process.communicate(timeout=60)  # which ends when every process has closed stdout
     assert process.returncode == status, seen + err
     assert b'Traceback' not in seen + err

@@ -193,7 +193,7 @@ def replay_that_loses(number, is_fault, begun):
 
 @pytest.mark.parametrize('is_fault', [True, False])
 @pytest.mark.parametrize(('number', 'status', 'word'), [
-    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
+    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated'), (signal.SIGHUP, 129, 'hung up')])
 def test_a_signal_ends_the_batch_whatever_becomes_of_what_it_raises(
         call, tmp_path, monkeypatch, number, status, word, is_fault):
     begun, before = [], (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM))

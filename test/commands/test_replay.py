@@ -269,7 +269,7 @@ def test_without_truth_nothing_is_compared(call, triangle, tmp_path):
 
 
 @pytest.mark.parametrize(('number', 'status', 'word'), [
-    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated')])
+    (signal.SIGINT, 130, 'interrupted'), (signal.SIGTERM, 143, 'terminated'), (signal.SIGHUP, 129, 'hung up')])
 @pytest.mark.parametrize('moment', ['reading', 'solving'])
 def test_a_signal_ends_it_and_nothing_is_written(start, triangle, tmp_path, moment, number, status, word):
     process = start('replay', triangle, '--output', 'out', '-p', 'solver.method:=paper',

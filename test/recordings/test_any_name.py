@@ -518,7 +518,10 @@ def write_ros1(path):
 @pytest.mark.parametrize(('content', 'text'), [
     (b'', 'the file is empty'), (b'PK\x03\x04' + bytes(100), 'is packed (zip); unpack it first: unzip '),
     (b'version https://git-lfs.github.com/spec/v1\n', 'get that with: git lfs pull'),
-    (b'<!DOCTYPE html>\n', 'is a web page'), (b'\x00\x01\x02', 'it begins with the bytes 00 01 02'),
+    (b'<!DOCTYPE html>\n', 'is a web page'), (b'<?xml version="1.0"?><Error/>', "is a server's answer"),
+    (b'{"error": 404}', "is a server's answer"), (bytes(1000), 'begins with zeros: room was made for it'),
+    (b'\x89MCAP0\n\x01\x02', 'was copied as text'), (b'\x89MCAP0\r\r\n\x01', 'was copied as text'),
+    (b'\x00\x01\x02', 'it begins with the bytes 00 01 02'),
     (ZSTD(b'PK\x03\x04' + bytes(100)), 'is packed (zip)'), (ZSTD(b''), 'it holds nothing'),
     (SKIPPABLE, 'neither MCAP')])
 def test_what_is_none_is_called_by_its_name(tmp_path, content, text):

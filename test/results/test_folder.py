@@ -48,7 +48,8 @@ def test_the_answer_is_there_before_anything_else_is_made(tmp_path):
 
 
 @pytest.mark.parametrize(('error', 'cause'), [
-    (OSError(28, 'No space left on device'), 'No space left on device; free some space there'),
+    (OSError(28, 'No space left on device'),
+     'No space left on device; free some space there, or where df -i tells of no inodes, remove files'),
     (MemoryError(), 'not enough memory'), (ZeroDivisionError('by zero'), 'ZeroDivisionError: by zero'),
     (ImportError('no backend'), 'ImportError: no backend'), (RecursionError('too deep'), 'RecursionError: too deep')])
 def test_what_fails_costs_itself_alone(tmp_path, error, cause):
