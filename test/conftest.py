@@ -65,11 +65,27 @@ LONG = ('node', 'calibration', 'solvers/evidence/test_doubt', 'solvers/evidence/
         'commands/test_copper_tilt', 'commands/test_evaluate', 'commands/test_fleet', 'commands/test_replay')
 """Folders and files whose tests take two thirds of the time; what is tried on the oldest versions goes without them."""
 
+HEAVY = {
+    'test_nothing_is_compiled_after_the_warm_up', 'test_without_numba_everything_works_and_says_that_it_is_slow',
+    'test_clutter_hides_the_room_until_it_is_taken_out', 'test_deviations_of_random_plates_hold_their_promise',
+    'test_in_a_map_that_is_symmetric_the_reported_poses_decide', 'test_steel_taken_for_aluminium_takes_two_numbers',
+    'test_a_wall_that_is_silent_is_missed_by_magnitudes_too',
+    'test_places_that_repeat_make_no_wall_certain_that_is_not_there',
+    'test_a_replay_with_the_wrong_medium_says_what_fits', 'test_the_map_peaks_at_the_copper_plane',
+    'test_after_a_pause_pings_are_kept_until_it_is_known_where_the_robot_is', 'test_a_straight_path_is_flagged',
+    'test_in_a_map_frame_path_and_polygon_stay_where_they_are', 'test_growth_over_what_may_grow',
+    'test_kill_at_any_moment_of_a_save_leaves_whole_results_only', 'test_carried_away_it_is_found_elsewhere',
+    'test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open',
+    'test_that_more_edges_are_certain_than_are_allowed_is_told', 'test_a_recording_is_localised_in_a_map'}
+"""Tests of a quarter of a minute and more, together a third of the time: ``pytest -m heavy`` runs them."""
+
 HERE = Path(__file__).parent
 
 
 def pytest_collection_modifyitems(items):
     for item in items:
+        if item.originalname in HEAVY:
+            item.add_marker(pytest.mark.heavy)
         if os.path.relpath(item.path, HERE).startswith(LONG):
             item.add_marker(pytest.mark.long)
 

@@ -24,8 +24,8 @@ _OF_IMPULSE, _HARMFUL = 6.0, 1.0
 those of the samples below which it does no harm."""
 
 _TIMES_USUAL = 4.0
-"""Times the median magnitude about it from which a sample beside an impulse is part of it: an echo's peak is 1.4 times
-that, three deviations of noise are 4.4 times."""
+"""Times the median magnitude about it that a sample of an impulse has at least: an echo's peak has 1.4 times that,
+three deviations of noise have 4.4 times."""
 
 _INVERSE_POWER = 0.05
 """Inverse power in the band over that above it, of echoes some times as strong as the noise."""
@@ -121,10 +121,13 @@ class Interference:
             left, harmful = self._above_band(freed), _HARMFUL * float(freed.std())
             size = np.abs(left)
             peaks = size == scipy.ndimage.maximum_filter1d(size, _ONE_IN)
-            new = peaks & (size > max(_OF_IMPULSE * _deviation(left), harmful * self._response[0]))
+            told = peaks & (size > max(_OF_IMPULSE * _deviation(left), harmful * self._response[0]))
+            if not (told.any() or struck.any()):
+                break
             usual = scipy.ndimage.median_filter(np.abs(freed), 3 * _ONE_IN, mode='nearest')
-            beside = scipy.ndimage.maximum_filter1d(struck, _ONE_IN)
-            new |= beside & (np.abs(freed) > np.maximum(_TIMES_USUAL * usual, harmful))
+            outlying = np.abs(freed) > np.maximum(_TIMES_USUAL * usual, harmful)  # a burst that is clipped is not
+            new = told & scipy.ndimage.maximum_filter1d(outlying, 3)
+            new |= outlying & scipy.ndimage.maximum_filter1d(struck, _ONE_IN)
             new[:_AT_ENDS] = new[-_AT_ENDS:] = False  # where the mirror makes a bend
             if not np.any(new & ~struck):
                 break
