@@ -76,6 +76,9 @@ CAUTIONS = {
     'noise_line': Kind(
         'echoes', 'narrow-band lines that last as long as the pings, of motors or switching supplies, are taken out',
         "look for the machine, and keep the sensor's cable away from it"),
+    'impulses': Kind(
+        'echoes', 'samples that stand out above the band of the pulse, as of relays, are interpolated',
+        "look for what switches, and keep the sensor's cable away from it"),
     'not_closed': Kind(
         'answer', 'walls were not heard that would close the polygon; those that are certain are in `walls`',
         'drive along the walls that are missing, nearer to them, and through places that they face squarely'),
@@ -130,7 +133,8 @@ CAUTIONS = {
         'set map.resolution_m to 0, which chooses a size that fits'),
     'coarse_polygon': Kind(
         'node', 'the coordinates are too large for the 32 bits that a point of ~/polygon has',
-        'take the corners from ~/markers or ~/save, which are exact, or give odometry that begins near the place'),
+        'take the corners from ~/markers or ~/save, which are exact, or set slam.map_origin: first_ping, '
+        'with slam.map_frame, so that the map begins where the robot does'),
     'no_answer': Kind(
         'node', 'the map was saved before anything was solved', 'save again after solver.period_s'),
 }

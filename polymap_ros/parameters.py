@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, get_type_hints
 
-from polymap_ros.errors import ParameterError
+from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.map_parameters import MOST_FREE_CELLS, FreeAreaParameters, GridParameters
 from polymap_ros.names import suggestion
 from polymap_ros.result_parameters import MapParameters, OutputParameters, TopicParameters
@@ -317,8 +317,12 @@ class Parameters:
         ParameterError
             As `replaced` does, and for a group that is no mapping.
         """
+        if not isinstance(given, Mapping):
+            raise UsageError(f"{given!r:.80}: must be a mapping such as {{'solver.seed': 2}}")
         values: dict[str, object] = {}
         for group, entries in {**given, **groups}.items():
+            if group not in _BY_NAME and group not in _GROUPS:
+                raise ParameterError(str(group), f'unknown; {suggestion(str(group), [*_GROUPS, *_BY_NAME])}')
             if group not in _BY_NAME and not isinstance(entries, Mapping):
                 raise ParameterError(group, f"{entries!r} is no mapping such as medium={{'model': 'constant'}}")
             values |= {group: entries} if group in _BY_NAME else {f'{group}.{key}': entries[key] for key in entries}

@@ -54,6 +54,7 @@ def _ros_environment(folder: Path) -> None:
 # A shell without job control starts what runs in its background with SIGINT ignored, and so would every process be that
 # a test interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # as nohup has it ignored
 
 if importlib.util.find_spec('rclpy') is not None:
     _FOLDER = tempfile.TemporaryDirectory(prefix='polymap_ros_test_')

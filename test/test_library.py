@@ -146,3 +146,11 @@ def test_reprs_tell_corners_of_utm_apart():
     corners = np.array([[0, 0], [0.5, 0], [0, 0.4]]) + [500_000, 5_400_000]
     assert repr(Candidate(corners, (edge,) * 3)) == (
         'Candidate(3 edges: (500000.0000, 5400000.0000), (500000.5000, 5400000.0000), (500000.0000, 5400000.4000))')
+
+
+@pytest.mark.parametrize(('given', 'text'), [
+    (3, '3: must be a mapping such as'), ({'medum': {}}, 'medum: unknown; did you mean medium'),
+    ({'medium': 3}, '3 is no mapping')])
+def test_parameters_of_what_are_none_are_refused_by_name(given, text):
+    with pytest.raises((UsageError, ParameterError), match=text):
+        Parameters.of(given)

@@ -23,9 +23,13 @@ _OF_IMPULSE, _HARMFUL = 6.0, 1.0
 """Deviations by which an impulse exceeds what else is above the band (of white noise one sample in 10^9 does), and
 those of the samples below which it does no harm."""
 
-_TIMES_USUAL = 4.0
-"""Times the median magnitude about it that a sample of an impulse has at least: an echo's peak has 1.4 times that,
-three deviations of noise have 4.4 times."""
+_USUAL, _TIMES_USUAL, _TIMES_BESIDE = 75.0, 5.0, 2.5
+"""Percentile of the magnitudes within a pulse's length about a sample, of which that of an impulse is so many times as
+much at least. Of a lone echo in silence no sample is more than four times as much (bursts of 1.5 to 8 cycles, 6 to 16
+samples a cycle), and of noise one in 10^8; six of 27 samples may be struck. Beside one that is, less will do."""
+
+_NEAREST_LOOKED_AT, _FARTHEST_LOOKED_AT, _SHORTEST_PULSE = 27, 255, 16
+"""Bounds of that length in samples; impulses are not told from a pulse that is shorter than the last."""
 
 _INVERSE_POWER = 0.05
 """Inverse power in the band over that above it, of echoes some times as strong as the noise."""
@@ -54,6 +58,9 @@ _BINS_ABOUT = 65
 _LEAST_CYCLES = 8.0
 """Of a line in a ping: what is slower is hum or a baseline that drifts, which goes by its own remedy."""
 
+_OF_PING = 0.1
+"""Share of the ping that a pulse lasts at most for lines in its band to be told from its echoes."""
+
 _QUARTERS, _LEAST_OF_MEAN, _IN_STEP = 4, 0.5, 0.7
 """A line lasts: in each of so many parts of the ping it has this share of its mean amplitude at least, and within this
 angle [rad] the phase that its frequency asks for. Echoes come and go."""
@@ -66,10 +73,12 @@ _MOST_LINES = 8
 
 
 class Freed(NamedTuple):
-    """Samples (n,) without what other machines put into them, and the frequencies of the lines taken out [Hz]."""
+    """Samples (n,) without what other machines put into them, the frequencies of the lines taken out [Hz], and the
+    share of the samples that was interpolated for impulses."""
 
     samples: NDArray[np.floating]
     lines_hz: tuple[float, ...] = ()
+    struck: float = 0.0
 
 
 class Interference:
@@ -87,13 +96,19 @@ class Interference:
 
     def __init__(self, pulse: Pulse, n_samples: int, period_s: float) -> None:
         self._n, self._period_s = n_samples, period_s
+        self._size = int(scipy.fft.next_fast_len(2 * n_samples, real=True))
         frequency = np.linspace(0.0, 0.5, n_samples)  # of a cosine transform, in cycles per sample
         strength = np.abs(pulse.spectrum(2.0 * np.pi * frequency / period_s))
         top = float(frequency[strength > _OF_STRONGEST * strength.max()].max())
         share = np.clip(0.5 + (frequency - (1.0 + 0.5 * _TRANSITION) * top) / (_TRANSITION * top), 0.0, 1.0)
         self._above = 0.5 - 0.5 * np.cos(np.pi * share)
+        length = pulse.duration_s / period_s
+        self._near = min(int(np.clip(length, _NEAREST_LOOKED_AT, _FARTHEST_LOOKED_AT)), n_samples)
+        self._tells = n_samples > _NEAREST_LOOKED_AT and length > _SHORTEST_PULSE
+        band = np.interp(np.linspace(0.0, 0.5, self._size // 2 + 1), frequency, strength)
+        # Echoes of a pulse that long overlap to what lasts as long as the ping.
+        self._like_echoes = (band > _OF_STRONGEST * band.max()) & (pulse.duration_s > _OF_PING * n_samples * period_s)
         self._response = scipy.fft.irfft(self._above)
-        self._size = int(scipy.fft.next_fast_len(2 * n_samples, real=True))
         self._window = np.hanning(n_samples)
         self._time = np.linspace(-1.0, 1.0, n_samples)
 
@@ -102,7 +117,13 @@ class Interference:
 
         Lines that other pings have at `known_hz` are taken out where they are weaker, too.
         """
-        return self._without_lines(self._without_impulses(samples), known_hz)
+        calm = self._without_impulses(samples)
+        struck = 0 if calm is samples else int(np.sum(calm != samples))
+        freed = self._without_lines(calm, known_hz)
+        if freed.lines_hz:  # beside a line only the strongest impulses stand out
+            calm = self._without_impulses(freed.samples)
+            struck += int(np.sum(calm != freed.samples))
+        return Freed(calm, freed.lines_hz, struck / self._n)
 
     def _without_impulses(self, samples: NDArray[np.floating]) -> NDArray[np.floating]:
         """Samples in which those that are struck are interpolated, the strongest of a place first.
@@ -110,7 +131,7 @@ class Interference:
         Impulses are told by what they hold above the band. Interpolated is what is most likely of a signal with so much
         less power there than in it.
         """
-        if self._n < 3 * _ONE_IN or self._response[0] < _LEAST_ABOVE:
+        if not self._tells or self._response[0] < _LEAST_ABOVE:
             return samples
         freed = np.array(samples, dtype=float)
         offset = float(np.median(freed))
@@ -124,10 +145,11 @@ class Interference:
             told = peaks & (size > max(_OF_IMPULSE * _deviation(left), harmful * self._response[0]))
             if not (told.any() or struck.any()):
                 break
-            usual = scipy.ndimage.median_filter(np.abs(freed), 3 * _ONE_IN, mode='nearest')
-            outlying = np.abs(freed) > np.maximum(_TIMES_USUAL * usual, harmful)  # a burst that is clipped is not
+            usual = scipy.ndimage.percentile_filter(np.abs(freed), _USUAL, self._near, mode='nearest')
+            outlying = np.abs(freed) > np.maximum(_TIMES_USUAL * usual, harmful)  # no echo is that, however clipped
+            beside = np.abs(freed) > np.maximum(_TIMES_BESIDE * usual, harmful)
             new = told & scipy.ndimage.maximum_filter1d(outlying, 3)
-            new |= outlying & scipy.ndimage.maximum_filter1d(struck, _ONE_IN)
+            new |= beside & scipy.ndimage.maximum_filter1d(struck, _ONE_IN)
             new[:_AT_ENDS] = new[-_AT_ENDS:] = False  # where the mirror makes a bend
             if not np.any(new & ~struck):
                 break
@@ -143,10 +165,9 @@ class Interference:
 
     def _bounded_at_ends(self, samples: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Bound the first and last samples by what is usual beside them, in place; return which were more (n,)."""
-        bound, often = np.full(self._n, np.inf), float(np.quantile(np.abs(samples), 0.9))
-        near = 3 * _ONE_IN
-        for end, beside in ((slice(_AT_ENDS), slice(near)), (slice(-_AT_ENDS, None), slice(-near, None))):
-            bound[end] = 2.0 * max(_TIMES_USUAL * float(np.median(np.abs(samples[beside]))), often)
+        bound = np.full(self._n, np.inf)
+        for end, beside in ((slice(_AT_ENDS), slice(self._near)), (slice(-_AT_ENDS, None), slice(-self._near, None))):
+            bound[end] = _TIMES_USUAL * float(np.percentile(np.abs(samples[beside]), _USUAL))
         beyond = np.abs(samples) > bound
         samples[beyond] = np.sign(samples[beyond]) * bound[beyond]
         return beyond
@@ -172,6 +193,7 @@ class Interference:
         peak = np.full(len(bins), _LINE)
         for known in np.array(known_hz) * self._period_s * self._size:
             peak[np.abs(bins - known) < _NEAR_KNOWN * known] = _KNOWN_LINE
+        peak[self._like_echoes] = np.inf
         peak[bins < _LEAST_CYCLES * self._size / self._n] = np.inf
         while len(found) < _MOST_LINES:
             about_zero = samples - samples.mean(dtype=float)

@@ -1,5 +1,6 @@
 """polymap_node: the live mapping node."""
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ EXAMPLES = (
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point; returns the exit status, 0 after Ctrl-C or SIGTERM."""
+    """Entry point; returns the exit status, 0 after Ctrl-C, SIGTERM, or a terminal that closes."""
     console.one_core()  # a second thread of the linear algebra makes no solve faster, and the messages wait for it
     command_line = list(sys.argv[1:] if arguments is None else arguments)
     parser = console.Parser(
@@ -33,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(command_line: list[str]) -> int:
     require_ros()
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # until rclpy takes over
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup
+        signal.signal(signal.SIGHUP, lambda number, frame: os.kill(os.getpid(), signal.SIGTERM))
     try:
         from polymap_ros.node.running import run
 

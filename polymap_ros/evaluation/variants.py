@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from polymap_ros.parameters import MediumParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
@@ -39,6 +41,14 @@ def _edged(**edges: Any) -> Callable[[int, int], Scene]:
 
 def _mistaken(**wrong: float) -> Callable[[int, int], Scene]:
     return lambda seed, edges: mistaken(random_scene(seed, edges), **wrong)
+
+
+def _damped(reflection: float) -> Callable[[int, int], Scene]:
+    def make(seed: int, edges: int) -> Scene:
+        coefficients = np.ones(edges)
+        coefficients[seed % edges] = reflection
+        return dataclasses.replace(random_scene(seed, edges), reflection=coefficients)
+    return make
 
 
 _ALUMINIUM = MediumParameters()
@@ -87,6 +97,11 @@ VARIANTS = {
     'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
     'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),
     'phase_by_wall': Variant('each wall by its own, within 45 degrees', _edged(spread_deg=45.0)),
+    'order_4': Variant('echoes up to order 4 only, without loss', _changed(order=4)),
+    'order_8': Variant('echoes up to order 8, reflection coefficients of 0.8 to 0.95',
+                       lambda seed, edges: dataclasses.replace(lossy(random_scene(seed, edges), 0.8, 0.95), order=8)),
+    'damped_0.3': Variant('one edge reflects 0.3, the others all', _damped(0.3)),
+    'damped_0.2': Variant('one edge reflects 0.2, the others all', _damped(0.2)),
     'line': Variant("a line of 90 kHz as strong as the echoes", _faulty(lines=1)),
     'line_+4db': Variant('the same, 4 dB stronger', _faulty(lines=1, line_db=4.0)),
     'line_+10db': Variant('the same, 10 dB stronger', _faulty(lines=1, line_db=10.0)),

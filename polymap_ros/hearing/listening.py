@@ -179,7 +179,7 @@ class Listener:
         most_m = MAX_CELLS * self._step_m / self.fold
         if samples.size > MAX_SAMPLES or reach_m > most_m:
             raise BadPing('too_long', f'{samples.size} samples of {period_s:g} s, {reach_m:.3g} m of range; allowed: '
-                                      f'{MAX_SAMPLES} samples, {most_m:.3g} m{self._likely_unit(ping)}')
+                                      f'{MAX_SAMPLES} samples, {most_m:.3g} m{self._likely_unit_of_reach(ping)}')
         gain_db = abs(self._parameters.front_end.gain_db_s) * (abs(t0_s) + samples.size * period_s)
         if gain_db > MOST_GAIN_DB:
             raise BadPing('too_long', f'front_end.gain_db_s comes to {gain_db:.3g} dB over a ping of {samples.size} '
@@ -213,6 +213,11 @@ class Listener:
             unit = likely_length(ping.range_max_m, end_m / _MOST_REACH, end_m * _MOST_REACH)
             raise BadPing('bad_shape', f'range_max of the message is {ping.range_max_m:g} m, which leaves nothing to '
                                        f'hear{unit}')
+
+    def _likely_unit_of_reach(self, ping: Ping) -> str:
+        if abs(ping.t0_s) > _MOST_REACH * ping.samples.size * ping.period_s:
+            return f'; the first sample is {ping.t0_s:g} s after emission: echo.t0_s is in seconds'
+        return self._likely_unit(ping)
 
     def _likely_unit(self, ping: Ping) -> str:
         """Name the unit that the sample period of a ping that cannot be right may be in."""
@@ -258,14 +263,14 @@ class Listener:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
         return Heard(echo if finely else _NO_ECHO, envelope, rho, noise, sure)
 
-    def freed(self, ping: Ping, known_hz: Sequence[float] = ()) -> tuple[Ping, tuple[float, ...]]:
-        """Return a ping that `check` let pass without impulses and lines, and the frequencies of these [Hz].
+    def freed(self, ping: Ping, known_hz: Sequence[float] = ()) -> tuple[Ping, Freed]:
+        """Return a ping that `check` let pass without impulses and lines, and what these were.
 
-        Lines that other pings have are at `known_hz`.
+        Lines that other pings have are at `known_hz` [Hz].
         """
         interference = self._filter(ping)[4]
-        samples, lines_hz = interference(ping.samples, known_hz) if interference else Freed(ping.samples)
-        return ping if samples is ping.samples else dataclasses.replace(ping, samples=samples), lines_hz
+        freed = interference(ping.samples, known_hz) if interference else Freed(ping.samples)
+        return ping if freed.samples is ping.samples else dataclasses.replace(ping, samples=freed.samples), freed
 
     def _closest(
         self, envelope: NDArray[np.floating], noise: float, blanking_m: float, width_m: float

@@ -1,4 +1,4 @@
-"""Lines of other machines that were taken out of the pings: which ones, and of how many."""
+"""Lines and impulses of other machines that were taken out of the pings: which ones, and of how many."""
 
 from dataclasses import dataclass, field
 
@@ -31,14 +31,20 @@ class NoiseLines:
         How many were looked at.
     frequency_hz, counts : ndarray, shape (k,)
         Mean frequency of each line, and of how many pings it was taken out.
+    struck_pings : int
+        How many held impulses.
+    struck : float
+        Sum over these of the share of samples that was interpolated.
     """
 
     pings: int = 0
     frequency_hz: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     counts: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    struck_pings: int = 0
+    struck: float = 0.0
 
-    def taken(self, lines_hz: tuple[float, ...]) -> 'NoiseLines':
-        """With one ping more, out of which these lines were taken."""
+    def taken(self, lines_hz: tuple[float, ...], struck: float = 0.0) -> 'NoiseLines':
+        """With one ping more, out of which these lines were taken, and impulses on that share of its samples."""
         frequency, counts = self.frequency_hz.copy(), self.counts.copy()
         for line_hz in lines_hz:
             same = np.flatnonzero(np.abs(frequency - line_hz) < _SAME_MACHINE * line_hz)
@@ -48,7 +54,8 @@ class NoiseLines:
             else:
                 frequency, counts = np.append(frequency, line_hz), np.append(counts, 1.0)
         order = np.argsort(-counts, kind='stable')[:_MOST_KEPT]
-        return NoiseLines(self.pings + 1, frequency[order], counts[order])
+        return NoiseLines(self.pings + 1, frequency[order], counts[order],
+                          self.struck_pings + (struck > 0.0), self.struck + struck)
 
     @property
     def known_hz(self) -> list[float]:
@@ -61,21 +68,28 @@ class NoiseLines:
         known = set(self.known_hz)
         told = sorted((hz, int(count)) for hz, count in zip(self.frequency_hz.tolist(), self.counts, strict=True)
                       if hz in known)
-        if not told:
-            return ()
-        lines = ', '.join(f'{hz:.4g} Hz in {count}' for hz, count in told)
-        return (Caution('noise_line', f'beside the echoes {self.pings} pings hold {lines} of them, from another '
-                        'machine, which is taken out'),)
+        found = []
+        if told:
+            lines = ', '.join(f'{hz:.4g} Hz in {count}' for hz, count in told)
+            found.append(Caution('noise_line', f'beside the echoes {self.pings} pings hold {lines} of them, from '
+                                 'another machine, which is taken out'))
+        if self.struck_pings > max(_OF_PINGS * self.pings, _CHANCE_PINGS):
+            found.append(Caution('impulses', f'{self.struck_pings} of {self.pings} pings hold impulses, on '
+                                 f'{self.struck / self.struck_pings:.2%} of their samples, which are interpolated'))
+        return tuple(found)
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """All that is needed to go on, as arrays."""
-        return {'pings': np.array(self.pings), 'frequency_hz': self.frequency_hz, 'counts': self.counts}
+        return {'pings': np.array(self.pings), 'frequency_hz': self.frequency_hz, 'counts': self.counts,
+                'struck': np.array((self.struck_pings, self.struck), dtype=float)}
 
     @classmethod
     def restored(cls, state: dict[str, NDArray[np.generic]]) -> 'NoiseLines':
         """Return what `state` was made of."""
-        found = cls(int(state['pings']), *(np.asarray(state[name], float) for name in ('frequency_hz', 'counts')))
-        frequency, counts = found.frequency_hz, found.counts
+        frequency, counts, struck = (np.asarray(state[name], float) for name in ('frequency_hz', 'counts', 'struck'))
+        if struck.shape != (2,) or not (np.all(struck >= 0.0) and np.all(struck < 2.0**53)):
+            raise StateError('the impulses of the state are not those of pings')
+        found = cls(int(state['pings']), frequency, counts, int(struck[0]), float(struck[1]))
         rows = frequency.ndim == 1 and frequency.shape == counts.shape and len(counts) <= _MOST_KEPT
         if not (found.pings >= 0 and rows and np.all(
                 (frequency > 0.0) & np.isfinite(frequency) & (counts >= 1.0) & (counts < 2.0**53))):

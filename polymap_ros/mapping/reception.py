@@ -180,8 +180,8 @@ class Reception:
     def _hear(self, placed: Iterable[tuple[Ping, Pose]]) -> None:
         """Add pings, with the sensor's place in the start frame, to the maps."""
         for ping, place in placed:
-            received, (ping, lines_hz) = ping, self._listener.freed(ping, self._lines.known_hz)
-            self._lines = self._lines.taken(lines_hz)
+            received, (ping, freed) = ping, self._listener.freed(ping, self._lines.known_hz)
+            self._lines = self._lines.taken(freed.lines_hz, freed.struck)
             self._band = self._band.taken(ping, self.parameters)
             self._offsets = self._offsets.taken(received.samples, self.parameters)
             base = place.compose(self._mount.inverse())

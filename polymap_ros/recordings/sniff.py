@@ -65,7 +65,11 @@ def refusal(content: Path, kind: str, path: Path | None = None) -> str:
     name = shlex.quote(str(path))
     if kind == 'rosbag1':
         target = path.with_suffix('') if path.suffix else path.with_name(f'{path.name}_ros2')
-        return (f'is a recording of ROS 1; convert it with: rosbags-convert --src {name} --dst '
+        renamed = ''
+        if path.suffix != '.bag':  # by which rosbags-convert knows it
+            bag = shlex.quote(f'{path.with_suffix("")}.bag')
+            renamed, name = f'mv {name} {bag} && ', bag
+        return (f'is a recording of ROS 1; convert it with: {renamed}rosbags-convert --src {name} --dst '
                 f'{shlex.quote(str(target))}')
     if kind in _UNPACKERS:
         return f'is packed ({kind}); unpack it first: {_UNPACKERS[kind]} {name}'

@@ -79,10 +79,10 @@ def air_filled(scene: Scene, pulse: str = 'tone_burst') -> Scene:
         grid=GridParameters(range_max_m=12.0), sample_rate_hz=200_000.0, n_samples=14336)
 
 
-def lossy(scene: Scene, least: float = 0.5) -> Scene:
-    """The scene with reflection coefficients of random sign and a magnitude uniform in [`least`, 1] per edge."""
+def lossy(scene: Scene, least: float = 0.5, most: float = 1.0) -> Scene:
+    """The scene with reflection coefficients of random sign and a magnitude uniform in [`least`, `most`] per edge."""
     generator = np.random.default_rng([scene.seed, len(scene.vertices), 1])
-    magnitude = generator.uniform(least, 1.0, len(scene.vertices))
+    magnitude = generator.uniform(least, most, len(scene.vertices))
     return dataclasses.replace(scene, reflection=magnitude * generator.choice((-1.0, 1.0), len(scene.vertices)))
 
 

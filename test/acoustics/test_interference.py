@@ -8,6 +8,7 @@ import pytest
 from polymap_ros.acoustics.interference import Interference
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.parameters import PulseParameters
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.waveforms import simulate
 
@@ -98,10 +99,43 @@ def test_impulses_at_both_ends_and_side_by_side_go():
     assert np.sum((freed - plain) ** 2) < 0.02 * np.sum((mixed - plain) ** 2)
 
 
-@pytest.mark.parametrize('faults', [{'impulses': 0.3}, {'impulses': 1.0}])
-def test_where_too_much_is_struck_nothing_is_invented(faults):
-    mixed, _ = beside(made(), **faults)
+def test_where_all_is_struck_nothing_is_invented():
+    mixed, _ = beside(made(), impulses=1.0)
     assert all(remover(made())(samples).samples is samples for samples in mixed)
+    mixed, plain = beside(made(), impulses=0.3)
+    freed = np.array([remover(made())(samples).samples for samples in mixed])
+    assert np.sum((freed - plain) ** 2) <= np.sum((mixed - plain) ** 2)
+
+
+@pytest.mark.parametrize('kind', ['plate', 'air'])
+@pytest.mark.parametrize('counts', [6, 13, 25, 63])
+def test_echoes_of_few_counts_in_silence_are_no_impulses(kind, counts):
+    """A converter of 8 bit at a low gain: all noise is below its last digit."""
+    scene = made(kind, snr_db=30.0)
+    for row in simulate(scene):
+        samples = np.round(counts * row / np.abs(row).max()).astype(np.float32)
+        freed = remover(scene)(samples).samples
+        # A lone count is as an impulse.
+        assert np.sum((freed - samples) ** 2) < (0.01 if counts > 6 else 0.1) * np.sum(samples**2)
+
+
+@pytest.mark.parametrize('kind', ['plate', 'air'])
+@pytest.mark.parametrize('change', [
+    lambda x: np.clip(3.0 * x, -np.abs(x).max(), np.abs(x).max()),
+    lambda x: x * np.exp(3.0 * np.arange(len(x)) / len(x)),
+    lambda x: np.where(np.arange(len(x)) < 0.3 * len(x), 0.0, x), lambda x: np.where(
+        np.arange(len(x)) < 0.6 * len(x), x, x[int(0.6 * len(x))])], ids=['clipped', 'ramp', 'gate', 'tail'])
+def test_what_a_device_does_to_echoes_is_no_impulse(kind, change):
+    scene = made(kind, snr_db=10.0)
+    for row in simulate(scene):
+        samples = change(row).astype(np.float32)
+        assert np.sum((remover(scene)(samples).samples - samples) ** 2) < 0.01 * np.sum(samples**2)
+
+
+@pytest.mark.parametrize('cycles', [50.0, 100.0])
+def test_echoes_that_last_as_long_as_the_ping_are_no_lines(cycles):
+    scene = dataclasses.replace(made('right_angled'), pulse=PulseParameters(cycles=cycles))
+    assert all(remover(scene)(samples).lines_hz == () for samples in simulate(scene))
 
 
 def test_samples_that_leave_nothing_above_the_band_are_left_alone():

@@ -68,6 +68,12 @@ def test_a_limit_in_another_unit_is_called_by_its_field(limits, words):
         listener(echo__blanking_m=0.2 if '0.15' in words else 0.01).check(ping(**limits))
 
 
+def test_a_time_zero_in_another_unit_is_named_and_not_the_period():
+    with pytest.raises(BadPing, match=r'the first sample is 50 s after emission: echo\.t0_s is in seconds') as caught:
+        listener().check(ping(t0_s=50.0))
+    assert 'too long for' not in str(caught.value)
+
+
 def test_limits_that_leave_something_to_hear_pass():
     for limits in ({'range_min_m': 0.02}, {'range_min_m': 2.9}, {'range_max_m': 3000.0}, {'range_max_m': 0.05}):
         listener().check(ping(**limits))

@@ -37,26 +37,35 @@ def test_the_commonest_are_kept():
     assert found.counts[0] == 60
 
 
+def test_impulses_are_told_with_their_share():
+    found = NoiseLines()
+    for struck in (0.02, 0.0, 0.04, 0.03):
+        found = found.taken((), struck)
+    [caution] = found.cautions
+    assert caution.code == 'impulses'
+    assert caution.finding.startswith('3 of 4 pings hold impulses, on 3.00% of their samples')
+
+
 def test_a_state_goes_on():
-    found = after((90e3,), (90e3, 40e3))
+    found = after((90e3,), (90e3, 40e3)).taken((), 0.25)
     again = NoiseLines.restored(found.state())
     np.testing.assert_array_equal(again.frequency_hz, found.frequency_hz)
     np.testing.assert_array_equal(again.counts, found.counts)
-    assert again.pings == 2
+    assert (again.pings, again.struck_pings, again.struck) == (3, 1, 0.25)
 
 
 @pytest.mark.parametrize('wrong', [
     {'pings': np.array(-1)}, {'counts': np.ones(3)}, {'counts': np.zeros(2)}, {'frequency_hz': np.array([1.0, np.nan])},
     {'frequency_hz': np.ones((2, 1)), 'counts': np.ones((2, 1))},
-    {'frequency_hz': np.ones(40), 'counts': np.ones(40)}])
+    {'frequency_hz': np.ones(40), 'counts': np.ones(40)}, {'struck': np.ones(3)}, {'struck': np.array([-1.0, 0.0])}])
 def test_no_lines_of_pings_are_refused(wrong):
-    with pytest.raises(StateError, match='lines'):
+    with pytest.raises(StateError, match='of pings'):
         NoiseLines.restored(after((90e3, 40e3)).state() | wrong)
 
 
 @pytest.mark.parametrize(('faults', 'told'), [
     ({'lines': 1, 'line_hz': 91e3}, ['noise_line']), ({'lines': 1, 'line_hz': 35e3, 'line_db': 10.0}, ['noise_line']),
-    ({'impulses': 0.02}, [])])
+    ({'impulses': 0.02}, ['impulses'])])
 def test_a_plate_is_mapped_and_only_that_is_told(faults, told):
     scene = dataclasses.replace(random_scene(13, 4), faults=Faults(**faults))
     mapper = PolygonMapper(scene.parameters())

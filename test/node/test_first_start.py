@@ -122,7 +122,7 @@ def test_reset_and_pause_while_compiling(peer, start, riding, almost_compiled):
         'parameters', 'compiling for this machine', 'reset', 'paused', 'running', 'ready']
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_while_compiling_ends_both(peer, start, almost_compiled, number):
     node = start('--ros-args', ready='compiling for this machine')
     child = compiling(peer, node)

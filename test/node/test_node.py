@@ -48,7 +48,7 @@ def test_no_odometry_is_lost_while_it_maps_and_solves(peer, start, riding):
     assert values()['odometry lost'] == values()['odometry refused'] == '0'
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signal_ends_a_busy_node_with_status_0(peer, start, number, riding):
     node = start('--ros-args', *RELIABLE, *FAST)
     ride, polygons = riding(), peer.listen('/polymap_node/polygon', POLYGON)

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import os
 import shlex
 import shutil
 import sqlite3
@@ -492,6 +493,13 @@ def test_a_recording_of_ros_1_names_the_command_that_converts_it(tmp_path):
     (tmp_path / 'folder').mkdir()
     path.rename(tmp_path / 'folder' / 'drive')
     assert 'rosbags-convert --src' in refusal(tmp_path / 'folder')
+    write_ros1(path)
+    path.rename(tmp_path / 'other.mcap')  # by whose ending rosbags-convert would take it for one of ROS 2
+    folder = Path(sys.executable).parent
+    subprocess.run(refusal(tmp_path / 'other.mcap').partition('with: ')[2], shell=True, check=True, timeout=120,
+                   capture_output=True, env={**os.environ, 'PATH': f'{folder}:{os.environ["PATH"]}'})
+    with Recording.open(tmp_path / 'other') as recording:
+        assert len(list(recording.messages())) == 3
 
 
 def write_ros1(path):
