@@ -69,7 +69,7 @@ _HARMLESS = 0.01
 """Share of a ping's power below which a line does no harm; without noise those of rounding stand out."""
 
 _MOST_LINES = 8
-"""Of one ping; with each, one part in some hundred of the echoes' band is lost."""
+"""Of one ping, with what looks like one; with each, one part in some hundred of the echoes' band is lost."""
 
 
 class Freed(NamedTuple):
@@ -195,7 +195,7 @@ class Interference:
             peak[np.abs(bins - known) < _NEAR_KNOWN * known] = _KNOWN_LINE
         peak[self._like_echoes] = np.inf
         peak[bins < _LEAST_CYCLES * self._size / self._n] = np.inf
-        while len(found) < _MOST_LINES:
+        for _ in range(_MOST_LINES):
             about_zero = samples - samples.mean(dtype=float)
             density = np.abs(scipy.fft.rfft(about_zero * self._window, self._size)) ** 2
             about = scipy.ndimage.median_filter(density, _BINS_ABOUT, mode='nearest')
@@ -206,7 +206,8 @@ class Interference:
             frequency = (best + _vertex(np.log(density[best - 1:best + 2]))) / self._size
             wave = np.exp(2j * np.pi * frequency * np.arange(self._n))
             if not _lasts(about_zero * wave.conj(), _HARMLESS * float(np.mean(about_zero**2))):
-                break
+                peak[max(best - 4, 0):best + 5] = np.inf  # echoes of a narrow band, beside which there may be a line
+                continue
             columns = np.column_stack((wave.real, wave.imag, self._time * wave.real, self._time * wave.imag))
             samples = samples - (columns @ np.linalg.lstsq(columns, about_zero, rcond=None)[0]).astype(samples.dtype)
             found.append(frequency / self._period_s)

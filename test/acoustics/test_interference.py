@@ -161,3 +161,11 @@ def test_the_type_of_the_samples_stays(dtype):
     kept = before.copy()
     assert remover(made())(before).samples.dtype == dtype
     np.testing.assert_array_equal(before, kept)
+
+
+def test_a_line_beside_echoes_of_a_narrow_band_is_found():
+    """Whose spectrum stands out more than the line does."""
+    scene = dataclasses.replace(made(snr_db=10.0), pulse=PulseParameters(cycles=18.0))
+    mixed, _ = beside(scene, lines=1, line_hz=60e3, line_db=-6.0)
+    found = [remover(scene)(samples).lines_hz for samples in mixed]
+    assert sum(each == pytest.approx((60e3,), rel=5e-3) for each in found) > 16
