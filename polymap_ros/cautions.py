@@ -47,7 +47,7 @@ CAUTIONS = {
         'path', 'fewer pings could be used than a polygon takes',
         'go on pinging while the robot drives along all walls; some tens of pings are a good start'),
     'pings_far_apart': Kind(
-        'path', 'by the odometry the robot drives further from one ping to the next than it listens',
+        'path', 'by the odometry pings are further from each other than what one hears allows to compare',
         'check that the odometry is in metres; where it is, ping more often on the way, or raise grid.range_max_m'),
     'straight_path': Kind(
         'path', 'the path does not tell walls from their mirror images',

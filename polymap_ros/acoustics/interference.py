@@ -8,6 +8,7 @@ import scipy.fft
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from polymap_ros.acoustics.noise import median
 from polymap_ros.acoustics.pulse import Pulse
 
 _OF_STRONGEST = 0.1
@@ -46,7 +47,7 @@ _MOST_SOLVED = 2000
 
 _LINE, _KNOWN_LINE = 30.0, 8.0
 """A line's periodogram over the median about it, and that of a line which is known from other pings: of echoes that
-happened to last, 28 was the most in 13,500 pings of plates, of right-angled ones and of rooms of air, bursts and chirps
+happened to last, 28 was the most in 10,800 pings of plates, of right-angled ones and of rooms of air, bursts and chirps
 (even seeds)."""
 
 _NEAR_KNOWN = 0.02
@@ -137,9 +138,9 @@ class Interference:
         offset = float(np.median(freed))
         freed -= offset
         ends, struck = self._bounded_at_ends(freed), np.zeros(self._n, bool)
-        above = self._above_band(freed)
+        above = left = self._above_band(freed)
         for _ in range(_IMPULSE_ROUNDS):
-            left, harmful = self._above_band(freed), _HARMFUL * float(freed.std())
+            harmful = _HARMFUL * float(freed.std())
             size = np.abs(left)
             peaks = size == scipy.ndimage.maximum_filter1d(size, _ONE_IN)
             told = peaks & (size > max(_OF_IMPULSE * _deviation(left), harmful * self._response[0]))
@@ -160,6 +161,7 @@ class Interference:
             weighted = _INVERSE_POWER * (samples[at] - offset) + (1.0 - _INVERSE_POWER) * above[at]
             weights = _INVERSE_POWER * np.eye(len(at)) + (1.0 - _INVERSE_POWER) * self._responses(at)
             freed[at] = samples[at] - offset - np.linalg.solve(weights, weighted)
+            left = self._above_band(freed)
         changed = struck | ends
         return np.where(changed, (freed + offset).astype(samples.dtype), samples) if changed.any() else samples
 
@@ -216,7 +218,7 @@ class Interference:
 
 def _deviation(values: NDArray[np.floating]) -> float:
     """Standard deviation of most of the values (n,), as if they were Gaussian, whatever a few of them are."""
-    return float(np.median(np.abs(values))) / 0.6745
+    return median(np.abs(values)) / 0.6745
 
 
 def _vertex(heights: NDArray[np.floating]) -> float:

@@ -28,6 +28,7 @@ from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.proposals import Candidates
 from polymap_ros.solvers.evidence.search import Found, Search
+from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.tracking import Chain, Track
 from polymap_ros.solvers.evidence.tuning import EXPLAINED
 from polymap_ros.solvers.evidence.walls import Walls
@@ -226,16 +227,17 @@ class EvidenceSolver:
         self, snapshot: Snapshot, evidence: Evidence, search: Search, chain: Chain, straight: list[Caution]
     ) -> Estimate:
         walls = () if _misheard(evidence) else _proven_by_first_echoes(snapshot, evidence, straight)
-        enclosing = len(half_plane_polygon([(wall.r, wall.theta) for wall in walls])[1]) > 0
         heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
-        caution = wording.nothing_closes(
-            len(walls), enclosing, search.max_edges, heard, search.data.pulse, bool(straight), self._untracked)
         if self._untracked:  # each wall is where the robot thought that it was
             walls = tuple(as_dead_reckoned(wall, heard, chain, search.data.pulse.width_m) for wall in walls)
-        reach_m = wording.reach_m(heard, search.data.pulse)
-        walls = tuple(wall for wall in walls if (wall.r_std or 0.0) < _LOCATED * reach_m)
-        if wording.apart_m(evidence.all_places) > _SPARSE * reach_m:
-            caution = wording.far_apart(wording.apart_m(evidence.all_places), reach_m)
+        pings_apart_m, range_m = apart_m(evidence.all_places), reach_m(heard, search.data.pulse)
+        walls = tuple(wall for wall in walls if (wall.r_std or 0.0) < _LOCATED * range_m)
+        if pings_apart_m > _SPARSE * range_m:
+            caution = wording.far_apart(pings_apart_m, range_m)
+        else:
+            enclosing = len(half_plane_polygon([(wall.r, wall.theta) for wall in walls])[1]) > 0
+            caution = wording.nothing_closes(
+                len(walls), enclosing, search.max_edges, heard, search.data.pulse, bool(straight), self._untracked)
         return Estimate('open', 'evidence', snapshot.stamp_ns, walls=walls,
                         cautions=(*straight, caution, *_dispersion(search)))
 
@@ -293,7 +295,7 @@ def _apart(evidence: Evidence) -> bool:
     """Whether most pings are so far from all others that they hear no place that another one hears."""
     assert evidence.pulse is not None, 'the mapper knows its pulse'
     heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
-    return wording.apart_m(evidence.all_places) > _ALONE * wording.reach_m(heard, evidence.pulse)
+    return apart_m(evidence.all_places) > _ALONE * reach_m(heard, evidence.pulse)
 
 
 def _explains(search: Search, found: Found | None, enough: float) -> bool:

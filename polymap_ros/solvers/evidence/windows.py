@@ -40,7 +40,7 @@ _NOT_IN_PHASE = 4
 54 plates at the level `bad` (even seeds) none has more than one. The same number counts for `_BLUNT`."""
 
 _BLUNT = 0.7
-"""Share that blurred power explains in a window whose walls power itself does not: of 18 plates at the level `bad`
+"""Share that blurred power explains in a window whose walls power itself does not: of 15 plates at the level `bad`
 (even seeds) one has four such windows, by the 26th; where the thickness is 20 % off, nearly all are such."""
 
 HOPELESS, BY_POWER, SETTLED = 0.35, 0.75, 0.9

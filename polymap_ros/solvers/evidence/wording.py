@@ -3,14 +3,12 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from polymap_ros.cautions import CAUTIONS, Caution, in_metres
 from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.sounding import Sounding
-from polymap_ros.maps.visited import Places
 
 _HEARD = 0.5
 """Share of the pings with an echo that stands out below which distance or gain is the likelier cause."""
@@ -118,19 +116,6 @@ def far_apart(apart_m: float, reach_m: float) -> Caution:
     """Say that pings are too far apart for what they hear [m], as where the odometry is in centimetres."""
     return Caution('pings_far_apart', f'by the odometry it is {in_metres(apart_m)} (median) from a ping to the nearest '
                                       f'other one, and no further than {in_metres(reach_m)} is listened')
-
-
-def apart_m(places: Places) -> float:
-    """Median distance from a place to the nearest other one [m]; 0 where places are shared."""
-    if len(places.positions) < 2 or np.any(places.pings > 1):
-        return 0.0
-    distance, _ = cKDTree(places.positions).query(places.positions, 2)
-    return float(np.median(distance[:, 1]))
-
-
-def reach_m(heard: Sequence[Sounding], pulse: PulseShape) -> float:
-    """The farthest range that is listened to [m]."""
-    return pulse.step_m * max((len(sounding.echo) for sounding in heard), default=0)
 
 
 def _extent_m(heard: Sequence[Sounding]) -> float:
