@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from polymap_ros.atomic import move_into_place, staging
+
 
 class Result(Protocol):
     """What a job answers with."""
@@ -17,8 +19,9 @@ class Result(Protocol):
 class PartialRows:
     """The rows so far, in ``results.partial.csv``: in the order in which the jobs were done.
 
-    The file is begun with the first row and flushed with every one. A run that comes to its end writes results.csv,
-    in order, and then discards this file.
+    The file appears with the rows of the first job in it, and those of every other are added in one piece: whenever the
+    run is interrupted, it holds whole rows. A run that comes to its end writes results.csv, in order, and then discards
+    this file.
 
     Parameters
     ----------
@@ -34,9 +37,14 @@ class PartialRows:
         """Append the rows of a job."""
         if not results:
             return
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open('a' if self._begun else 'w', encoding='utf-8', newline='') as file:
-            file.write(csv_text(results, header=not self._begun))
+        text = csv_text(results, header=not self._begun).encode()
+        if self._begun:
+            with self.path.open('ab', buffering=0) as file:
+                file.write(text)
+            return
+        with staging(self.path) as stage:
+            (stage / self.path.name).write_bytes(text)
+            move_into_place(stage / self.path.name, self.path)
         self._begun = True
 
     def discard(self) -> None:

@@ -2,6 +2,8 @@
 
 import csv
 import io
+import sys
+from itertools import count
 
 from polymap_ros.evaluation.rows import PartialRows, csv_text
 
@@ -38,3 +40,46 @@ def test_rows_are_on_the_disk_as_they_come(make_trial, tmp_path):
     rows.discard()
     rows.discard()
     assert list((tmp_path / 'out').iterdir()) == []
+
+
+def test_wherever_it_is_interrupted_the_file_holds_whole_rows(make_trial, tmp_path):
+    first, second = [make_trial(1)], [make_trial(2)]
+    whole = [None, csv_text(first), csv_text(first + second)]
+    seen = []
+    for line in count():
+        rows = PartialRows(tmp_path / str(line))
+        if not _interrupted_at(line, rows, [first, second]):
+            break
+        text = rows.path.read_text() if rows.path.exists() else None
+        assert text in whole
+        seen.append(whole.index(text))
+        assert {path.name for path in rows.path.parent.glob('*')} <= {rows.path.name}
+    assert seen == sorted(seen)
+    assert set(seen) == {0, 1, 2}
+
+
+def _interrupted_at(line, rows, jobs):
+    """Whether Ctrl-C at the given line of ours, counted as they are run, came before the end of the work."""
+    left = line
+
+    def traced(frame, event, argument):
+        nonlocal left
+        if not frame.f_code.co_filename.endswith('rows.py'):
+            return None
+        if event == 'line':
+            left -= 1
+            if left < 0:
+                sys.settrace(None)
+                raise KeyboardInterrupt
+        return traced
+
+    before = sys.gettrace()
+    sys.settrace(traced)
+    try:
+        for results in jobs:
+            rows.add(results)
+    except KeyboardInterrupt:
+        return True
+    finally:
+        sys.settrace(before)
+    return False
