@@ -64,17 +64,7 @@ def load_parameters(
         For a name or value that is not allowed.
     """
     path = _path(path)
-    try:
-        document = read_parameter_yaml(read_small(path))
-    except OSError as error:
-        raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
-    except UnicodeDecodeError as error:
-        raise UsageError(f'parameter file {path}: is not UTF-8; save it in that encoding') from error
-    except yaml.YAMLError as error:
-        raise UsageError(f'parameter file {path}: is not YAML: {" ".join(str(error).split())}') from error
-    if not isinstance(document, dict):
-        raise UsageError(f'parameter file {path}: is not a ROS parameter file: expected polymap_node: '
-                         'ros__parameters: ...')
+    document = _document(path)
     nodes = dict(_nodes(document, node_name))
     full_name = full_name_in(list(nodes), node_name)
     keys = [key for key in nodes if key.rpartition('/')[2] == node_name or for_node(key, full_name)]
@@ -91,6 +81,21 @@ def load_parameters(
         values |= _ours(f'parameter file {path}', key, nodes[key], warn)
     loaded = Parameters().replaced(values | dict(overrides or {}))
     return dataclasses.replace(loaded, folder=path.resolve().parent)
+
+
+def _document(path: Path) -> dict[Any, Any]:
+    try:
+        document = read_parameter_yaml(read_small(path))
+    except OSError as error:
+        raise UsageError(f'parameter file {path}: cannot be read: {error.strerror}') from error
+    except UnicodeDecodeError as error:
+        raise UsageError(f'parameter file {path}: is not UTF-8; save it in that encoding') from error
+    except yaml.YAMLError as error:
+        raise UsageError(f'parameter file {path}: is not YAML: {" ".join(str(error).split())}') from error
+    if not isinstance(document, dict):
+        raise UsageError(f'parameter file {path}: is not a ROS parameter file: expected polymap_node: '
+                         'ros__parameters: ...')
+    return document
 
 
 def _ours(file: str, key: str, node: object, warn: Callable[[str], None]) -> dict[str, object]:

@@ -15,7 +15,7 @@ import polymap_ros
 PACKAGE = Path(polymap_ros.__file__).parent
 FILES = sorted(PACKAGE.rglob('*.py'))
 SHARED = {'errors', 'parameters', 'specification', 'plain_yaml', 'cautions', 'packing', 'paths',
-          'names', 'slam_parameters', 'result_parameters', 'map_parameters'}
+          'names', 'slam_parameters', 'result_parameters', 'map_parameters', 'echo_parameters'}
 """Modules beside the rooms that every room may import; the others are listed with the rooms that use them."""
 
 _MAPPING = {'geometry', 'acoustics', 'hearing', 'maps', 'solvers', 'mapping'}
@@ -180,12 +180,11 @@ def test_no_exception_is_swallowed():
 
 
 def test_files_and_functions_are_small():
-    """Less than 400 lines and 70 lines; 100 for a compiled inner loop, which is better read in one piece."""
-    assert [where(path) for path in FILES if len(path.read_text(encoding='utf-8').splitlines()) >= 400] == []
+    """Up to 350 lines, and 60 without the docstring."""
+    assert [where(path) for path in FILES if len(path.read_text(encoding='utf-8').splitlines()) > 350] == []
     lengths = {(path, node): node.end_lineno - (node.body[0].end_lineno if ast.get_docstring(node) else node.lineno)
                for path, node in nodes(ast.FunctionDef)}
-    assert [f'{where(path, node)} {node.name}' for (path, node), length in lengths.items()
-            if length >= (100 if any(is_name(each, 'kernel') for each in node.decorator_list) else 70)] == []
+    assert [f'{where(path, node)} {node.name}' for (path, node), length in lengths.items() if length > 60] == []
 
 
 def named(kind):
@@ -227,11 +226,11 @@ def test_the_pure_rooms_bring_in_nothing_of_the_world():
     modules = ['.'.join(path.relative_to(PACKAGE.parent).with_suffix('').parts) for path in FILES if room(path) in PURE]
     found = imported(*(module.removesuffix('.__init__') for module in modules))
     assert 'numpy' in found
-    assert found & {'rclpy', 'rosbags', 'matplotlib', 'mcap'} == set()
+    assert found & {'rclpy', 'rosbags', 'matplotlib', 'mcap', 'scipy.signal', 'scipy.stats'} == set()
 
 
 def imported(*modules):
-    """Top-level packages that a fresh interpreter holds after importing."""
-    code = f'import sys, {", ".join(modules)}; print(*{{name.partition(".")[0] for name in sys.modules}})'
-    run = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=60)
+    """Names of the modules that a fresh interpreter holds after importing."""
+    run = subprocess.run([sys.executable, '-c', f'import sys, {", ".join(modules)}; print(*sys.modules)'],
+                         capture_output=True, text=True, check=True, timeout=60)
     return set(run.stdout.split())

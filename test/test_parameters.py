@@ -5,11 +5,11 @@ import math
 
 import pytest
 
+from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.errors import ParameterError, UsageError
 from polymap_ros.map_parameters import FreeAreaParameters, GridParameters
 from polymap_ros.parameter_file import load_parameters, parse_override
 from polymap_ros.parameters import (
-    EchoParameters,
     FrontEndParameters,
     MapParameters,
     MediumParameters,

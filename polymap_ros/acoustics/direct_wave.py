@@ -1,7 +1,6 @@
 """Time zero from the direct wave: when the receiver hears the emitter beside it."""
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.pulse import Pulse
@@ -33,6 +32,8 @@ def direct_wave_t0(
     """
     if not np.any(common):
         return None
+    import scipy.signal  # takes as long to load as all the rest of scipy that is used
+
     # In full: the pulse may have begun before the first sample.
     wave = pulse.samples(period_s)
     envelope = np.abs(scipy.signal.hilbert(np.correlate(common, wave, mode='full')))

@@ -5,7 +5,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import hilbert
 
 from polymap_ros.errors import ParameterError
 from polymap_ros.parameters import PulseParameters
@@ -142,6 +141,8 @@ class RecordedPulse:
 
     @property
     def centre_s(self) -> float:
+        from scipy.signal import hilbert  # takes as long to load as all the rest of scipy that is used
+
         energy = np.abs(hilbert(self.recorded)) ** 2
         return float(self.period_s * (energy @ np.arange(len(energy))) / energy.sum())
 

@@ -1,7 +1,8 @@
 """When an answer does not explain the echoes: is it the medium, or the odometry?"""
 
-from polymap_ros.calibration.fit import Fit, calibrated_medium, calibrated_odometry, needed
+from polymap_ros.calibration.fit import calibrated_medium, calibrated_odometry, needed
 from polymap_ros.calibration.session import Session
+from polymap_ros.calibration.stages import Fit
 from polymap_ros.cautions import Caution, of_faulty_samples
 from polymap_ros.solvers.estimate import Estimate
 

@@ -20,8 +20,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.maps.thinning import KEPT_PINGS
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
-from polymap_ros.solvers.evidence.search import Search
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.solver import Evidence
 
 _AS_REPORTED = {'odometry.scale': 1.0, 'odometry.yaw_drift_deg_m': 0.0}

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from polymap_ros.commands import console
 
 if TYPE_CHECKING:
-    from polymap_ros.calibration.fit import Fit, Refusal
     from polymap_ros.calibration.session import Session
+    from polymap_ros.calibration.stages import Fit, Refusal
     from polymap_ros.cautions import Caution
     from polymap_ros.solvers.estimate import Estimate
 
@@ -33,7 +33,7 @@ def heard_directly(session: 'Session') -> 'Caution':
 def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
     """What the user has to know about it."""
     from polymap_ros.calibration.diagnosis import in_words, overrides
-    from polymap_ros.calibration.fit import Refusal
+    from polymap_ros.calibration.stages import Refusal
     from polymap_ros.cautions import Caution
 
     if isinstance(result, Refusal):

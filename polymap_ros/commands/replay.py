@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from polymap_ros.commands import console
-from polymap_ros.commands.replaying import PROGRAM, Outcome, attempt, calibrated
+from polymap_ros.commands.mapped import calibrated
+from polymap_ros.commands.replaying import PROGRAM, Outcome, attempt
 from polymap_ros.errors import RecordingError, UsageError
 from polymap_ros.parameters import Parameters
 

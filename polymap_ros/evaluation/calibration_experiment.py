@@ -10,8 +10,9 @@ import numpy as np
 
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.calibration.diagnosis import diagnosis, doubtful
-from polymap_ros.calibration.fit import Fit, Refusal, calibrated_medium, calibrated_odometry
+from polymap_ros.calibration.fit import calibrated_medium, calibrated_odometry
 from polymap_ros.calibration.session import Tape
+from polymap_ros.calibration.stages import Fit, Refusal
 from polymap_ros.evaluation.tables import markdown, percent, unique
 from polymap_ros.evaluation.trials import feed, judged, ready
 from polymap_ros.mapping.mapper import PolygonMapper

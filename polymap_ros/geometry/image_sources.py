@@ -117,18 +117,8 @@ def walls_of(corners: NDArray[np.float64], beyond: float) -> NDArray[np.float64]
 
 @kernel
 def trace_images(
-    walls: NDArray[np.float64],
-    convex: bool,
-    x: float,
-    y: float,
-    to_x: float,
-    to_y: float,
-    order: int,
-    farthest: float,
-    soft: float,
-    merge: bool,
-    found: NDArray[np.float64],
-    sequences: NDArray[np.int64],
+    walls: NDArray[np.float64], convex: bool, x: float, y: float, to_x: float, to_y: float, order: int, farthest: float,
+    soft: float, merge: bool, found: NDArray[np.float64], sequences: NDArray[np.int64],
 ) -> int:
     """Write images of (x, y) that are visible from (to_x, to_y) and at most `farthest` away, and their walls.
 
@@ -138,9 +128,7 @@ def trace_images(
     are to `merge`.
     """
     n, capacity, count = len(walls), len(found), 0
-    size = 0.0
-    for i in range(n):
-        size = max(size, abs(walls[i, 5] - walls[0, 5]) + abs(walls[i, 6] - walls[0, 6]))
+    size = np.max(np.abs(walls[:, 5] - walls[0, 5]) + np.abs(walls[:, 6] - walls[0, 6]))
     tie = _TIE * size * size
     # Of each level: the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy), the wall that
     # made it, and how many walls on, counter-clockwise, its children have come.
@@ -159,36 +147,17 @@ def trace_images(
         px, py = images[depth - 1, 0], images[depth - 1, 1]
         ax, ay, bx, by = walls[wall, 5] - px, walls[wall, 6] - py, walls[wall, 7] - px, walls[wall, 8] - py
         if depth > 1:
-            lx, ly, ux, uy = beams[depth - 1, 0], beams[depth - 1, 1], beams[depth - 1, 2], beams[depth - 1, 3]
+            lit = _LIT
             if not convex:  # only what is beyond the last wall, where the beam enters the room
                 last = hit[depth - 1]
-                beyond = walls[last, 2] - px * walls[last, 0] - py * walls[last, 1]
-                in_a = beyond - ax * walls[last, 0] - ay * walls[last, 1]
-                in_b = beyond - bx * walls[last, 0] - by * walls[last, 1]
-                if in_a <= 0.0 and in_b <= 0.0:
-                    continue
-                if in_a < 0.0 < in_b or in_b < 0.0 < in_a:
-                    t = in_a / (in_a - in_b)
-                    at_x, at_y = ax + t * (bx - ax), ay + t * (by - ay)
-                    if in_a < 0.0:
-                        ax, ay = at_x, at_y
-                    else:
-                        bx, by = at_x, at_y
-            low_a, low_b = lx * ay - ly * ax, lx * by - ly * bx
-            if low_b <= tie and low_a <= tie:
+                c, s = walls[last, 0], walls[last, 1]
+                lit, ax, ay, bx, by = _beyond(walls[last, 2] - px * c - py * s, c, s, ax, ay, bx, by)
+            if lit == _LIT:
+                lit, ax, ay, bx, by = _within(beams[depth - 1, 0], beams[depth - 1, 1], beams[depth - 1, 2],
+                                              beams[depth - 1, 3], ax, ay, bx, by, tie)
+            if lit != _LIT:
+                depth -= lit == _PAST and convex  # so are all that follow
                 continue
-            high_a, high_b = ux * ay - uy * ax, ux * by - uy * bx
-            if high_a >= -tie and high_b >= -tie:
-                if convex:  # past the beam, and so are all that follow
-                    depth -= 1
-                continue
-            if low_a < 0.0 < low_b:
-                t = low_a / (low_a - low_b)
-                ax, ay = ax + t * (bx - ax), ay + t * (by - ay)
-                high_a = ux * ay - uy * ax
-            if high_a < 0.0 < high_b:
-                t = high_a / (high_a - high_b)
-                bx, by = ax + t * (bx - ax), ay + t * (by - ay)
         away = 2.0 * (walls[wall, 2] - px * walls[wall, 0] - py * walls[wall, 1])
         if away <= 0.0:  # its rays cannot hit this wall from inside
             continue
@@ -199,36 +168,74 @@ def trace_images(
         gx, gy = to_x - qx, to_y - qy
         if gx * gx + gy * gy > farthest * farthest:  # further reflections only lengthen the way
             continue
-        heard = bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie
-        clear = 1.0
-        if heard and not convex:
-            heard = walls[wall, 2] > to_x * walls[wall, 0] + to_y * walls[wall, 1]
-            if heard:
-                images[depth, 0], images[depth, 1], hit[depth] = qx, qy, wall
-                clear = _clear(walls, images, hit, depth, to_x, to_y, soft)
-                heard = clear > 0.0
-        if heard:
-            twin = False
-            for m in range(min(count, capacity) if merge else 0):
-                if abs(found[m, 0] - qx) + abs(found[m, 1] - qy) <= 1e-7 * size:
-                    twin = True
-                    break
-            if not twin:
+        images[depth, 0], images[depth, 1], hit[depth] = qx, qy, wall
+        if bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie:
+            clear = 1.0 if convex else _clear(walls, images, hit, depth, to_x, to_y, soft)
+            if clear > 0.0 and not (merge and _is_known(found, min(count, capacity), qx, qy, 1e-7 * size)):
                 if count < capacity:
                     found[count, 0], found[count, 1], found[count, 2] = qx, qy, clear
-                    for level in range(1, depth):
-                        sequences[count, level - 1] = hit[level]
-                    sequences[count, depth - 1] = wall
-                    sequences[count, depth:] = -1
+                    for level in range(order):
+                        sequences[count, level] = hit[level + 1] if level < depth else -1
                 count += 1
         if depth < order:
-            hit[depth] = wall
-            images[depth, 0], images[depth, 1] = qx, qy
             # Seen from the mirrored image the wall runs the other way round: its end comes first.
             beams[depth, 0], beams[depth, 1], beams[depth, 2], beams[depth, 3] = bx, by, ax, ay
             depth += 1
             ahead[depth] = 0
     return count
+
+
+_LIT, _UNLIT, _PAST = 0, 1, 2
+
+
+@kernel
+def _beyond(
+    away: float, c: float, s: float, ax: float, ay: float, bx: float, by: float
+) -> tuple[int, float, float, float, float]:
+    """Return what of a wall from a to b, seen from an image, is beyond a line at `away` with the normal (c, s)."""
+    in_a, in_b = away - ax * c - ay * s, away - bx * c - by * s
+    if in_a <= 0.0 and in_b <= 0.0:
+        return _UNLIT, ax, ay, bx, by
+    if in_a < 0.0 < in_b or in_b < 0.0 < in_a:
+        t = in_a / (in_a - in_b)
+        at_x, at_y = ax + t * (bx - ax), ay + t * (by - ay)
+        if in_a < 0.0:
+            return _LIT, at_x, at_y, bx, by
+        return _LIT, ax, ay, at_x, at_y
+    return _LIT, ax, ay, bx, by
+
+
+@kernel
+def _within(
+    lx: float, ly: float, ux: float, uy: float, ax: float, ay: float, bx: float, by: float, tie: float
+) -> tuple[int, float, float, float, float]:
+    """Return what of a wall from a to b, seen from an image, is in its beam to the left of l and to the right of u.
+
+    A wall is past the beam where all of it lies counter-clockwise of u.
+    """
+    low_a, low_b = lx * ay - ly * ax, lx * by - ly * bx
+    if low_b <= tie and low_a <= tie:
+        return _UNLIT, ax, ay, bx, by
+    high_a, high_b = ux * ay - uy * ax, ux * by - uy * bx
+    if high_a >= -tie and high_b >= -tie:
+        return _PAST, ax, ay, bx, by
+    if low_a < 0.0 < low_b:
+        t = low_a / (low_a - low_b)
+        ax, ay = ax + t * (bx - ax), ay + t * (by - ay)
+        high_a = ux * ay - uy * ax
+    if high_a < 0.0 < high_b:
+        t = high_a / (high_a - high_b)
+        bx, by = ax + t * (bx - ax), ay + t * (by - ay)
+    return _LIT, ax, ay, bx, by
+
+
+@kernel
+def _is_known(found: NDArray[np.float64], count: int, x: float, y: float, near: float) -> bool:
+    """Whether one of the images found so far is at (x, y)."""
+    for m in range(count):  # noqa: SIM110 - numba compiles no generators
+        if abs(found[m, 0] - x) + abs(found[m, 1] - y) <= near:
+            return True
+    return False
 
 
 @kernel
@@ -241,6 +248,8 @@ def _clear(
     A wall in the way takes all of it, but near its ends, shrunk by `soft`, ever less over twice that length.
     """
     x, y, behind = to_x, to_y, -1
+    if walls[hit[depth], 2] <= x * walls[hit[depth], 0] + y * walls[hit[depth], 1]:  # is behind the wall hit last
+        return 0.0
     inside = -np.inf
     for level in range(depth, -1, -1):
         ahead = hit[level] if level > 0 else -1

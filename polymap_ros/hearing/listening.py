@@ -10,42 +10,20 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from polymap_ros.acoustics.front_end import FrontEnd, band_pass, clipped, dropped_out, in_band
+from polymap_ros.acoustics.front_end import FrontEnd
 from polymap_ros.acoustics.interference import Freed, Interference
 from polymap_ros.acoustics.matched_filter import EchoFilter, EnvelopeFilter, MatchedFilter, sampling_step
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.noise import NoiseGauge, noise_from_envelope
-from polymap_ros.acoustics.ping import FAINTEST, LOUDEST, Ping
-from polymap_ros.acoustics.pulse import Pulse, RecordedPulse, make_pulse, same_period
+from polymap_ros.acoustics.ping import Ping
+from polymap_ros.acoustics.pulse import RecordedPulse, make_pulse
 from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
-from polymap_ros.acoustics.units import guessed_unit, likely_length
 from polymap_ros.errors import BadPing, ParameterError
+from polymap_ros.hearing.admission import Admission, check_band
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.signals import Signals
 from polymap_ros.map_parameters import MOST_RANGES
 from polymap_ros.parameters import Parameters
-
-MAX_SAMPLES = 1 << 20
-"""A longer ping is refused: more would be spent on one than on a whole recording."""
-
-MAX_CELLS = 1 << 22
-"""So is one that lasts for more steps of the fine range axis than this, which would take as much memory."""
-
-MOST_GAIN_DB = 300.0
-"""No device undoes more; beyond, the samples of a ping would be no numbers any longer."""
-
-_FEWEST_PER_CYCLE = 2.0
-"""Samples of a cycle of the pulse, below which it is not to be told."""
-
-_MOST_REACH = 30.0
-"""Pings are at most so much longer or shorter than the range axis, or else their period is in another unit: less than
-1000, by which units differ, allows for."""
-
-_NEAREST, _LEAST_OF_AXIS = 0.001, 0.01
-"""Shares of the range axis: a blanking is longer than the first one, and a ping up to the second one tells no wall."""
-
-_LEAST_IN_BAND = 0.01
-"""Share of the pulse's energy that the band-pass has to leave: 20 dB less of every echo, and noise is what is heard."""
 
 _FILTERS = 8
 """Filters kept: pings of so many different lengths, periods and starts may alternate."""
@@ -90,6 +68,8 @@ class Listener:
 
     Attributes
     ----------
+    admission : Admission
+        Says which pings can be used.
     fold : int
         Steps of the echoes' fine axis per step of the range axis: an echo can be interpolated, an envelope looked up.
     n_fine : int
@@ -128,8 +108,10 @@ class Listener:
                 raise ParameterError(name, f'{parameters[name]!r} makes {steps:.3g} steps of {fine_m:.3g} m, which the '
                                      f"grid or the pulse's band asks for; allowed: up to {MOST_RANGES}")
         self._fine_m = np.arange(self.n_fine, dtype=float) * fine_m
+        self.admission = Admission(parameters, self.pulse, self.recorded_period_s, self._speed_m_s, float(ranges_m[-1]),
+                                   fine_m)
         if parameters.echo.kind == 'rf' and (self.recorded_period_s or not is_recorded):
-            _check_band(parameters, self.pulse)
+            check_band(parameters, self.pulse)
         self._filters: dict[_Key, _Ears] = {}
         self._begun: set[_Key] = set()
         self._shape: NDArray[np.complex128] | None = None
@@ -151,103 +133,17 @@ class Listener:
         except ParameterError as error:
             raise BadPing('bad_shape', f'with a sample period of {period_s:g} s, {error}') from error
 
-    def check(self, ping: Ping) -> None:
-        """Raise `BadPing` with the reason if a ping cannot be used wherever it was taken.
-
-        ``bad_shape``: no row of samples with a period and a start in time, or a period too coarse for the pulse;
-        ``bad_samples``: samples that are not finite, all zero, or beyond `FAINTEST` and `LOUDEST`;
-        ``too_long``: beyond `MAX_SAMPLES` or `MAX_CELLS`;
-        ``too_short``: over before an echo from beyond the blanking would be.
-        """
-        samples, period_s, t0_s = ping.samples, ping.period_s, ping.t0_s
-        if samples.ndim != 1:
-            raise BadPing('bad_shape', f'the samples are an array of shape {samples.shape}; allowed: one row, (n,)')
-        if samples.dtype.kind != 'f':
-            raise BadPing('bad_shape', f'the samples are of type {samples.dtype}; allowed: real numbers, signed '
-                                       '(echo.kind: rf) or magnitudes (envelope)')
-        if not (isfinite(period_s) and period_s > 0.0 and isfinite(t0_s)):
-            raise BadPing('bad_shape', f'sample period {period_s:g} s from {t0_s:g} s; allowed: finite, period above 0')
-        frequency_hz = self._parameters.pulse.frequency_hz
-        if self._parameters.echo.kind == 'rf' and not period_s * frequency_hz < 0.5:
-            raise BadPing('bad_shape', f'a sample period of {period_s:g} s cannot hold a pulse of {frequency_hz:g} Hz'
-                                       f'{self._likely_unit(ping)}')
-        own_s = self.recorded_period_s
-        if own_s and not same_period(period_s, own_s):
-            raise BadPing('bad_shape', f'pulse.path is sampled at {1.0 / own_s:g} Hz, the echoes at {1.0 / period_s:g} '
-                                       "Hz; resample the pulse to the echoes' rate")
-        reach_m = 0.5 * self._speed_m_s * (abs(t0_s) + samples.size * period_s)
-        most_m = MAX_CELLS * self._step_m / self.fold
-        if samples.size > MAX_SAMPLES or reach_m > most_m:
-            raise BadPing('too_long', f'{samples.size} samples of {period_s:g} s, {reach_m:.3g} m of range; allowed: '
-                                      f'{MAX_SAMPLES} samples, {most_m:.3g} m{self._likely_unit_of_reach(ping)}')
-        gain_db = abs(self._parameters.front_end.gain_db_s) * (abs(t0_s) + samples.size * period_s)
-        if gain_db > MOST_GAIN_DB:
-            raise BadPing('too_long', f'front_end.gain_db_s comes to {gain_db:.3g} dB over a ping of {samples.size} '
-                                      f'samples; allowed: up to {MOST_GAIN_DB:g} dB')
-        needed_s = self._blanked_s(ping) + self.pulse.duration_s
-        end_s = t0_s + samples.size * period_s
-        self._check_limits(ping, 0.5 * self._speed_m_s * (end_s - self.pulse.duration_s))
-        if end_s < needed_s:
-            raise BadPing('too_short', f'{samples.size} samples end {end_s:g} s after emission; an echo from beyond '
-                                       f'the blanking is over after {needed_s:g} s{self._likely_unit(ping)}')
-        if not FAINTEST <= (peak := float(np.max(np.abs(samples)))) <= LOUDEST:
-            if not isfinite(peak):
-                bad = np.sum(~np.isfinite(samples))
-                raise BadPing('bad_samples', f'{bad} of {samples.size} samples are not finite')
-            if peak == 0.0:
-                raise BadPing('bad_samples', f'all {samples.size} samples are zero')
-            raise BadPing('bad_samples', f'the largest sample is {peak:g}; allowed: {FAINTEST:g} to {LOUDEST:g}')
-        if samples.min() == samples.max():
-            raise BadPing('bad_samples', f'all {samples.size} samples are {samples[0]:g}: is the receiver connected?')
-        self._check_converter(ping)
-
-    def _check_limits(self, ping: Ping, reach_m: float) -> None:
-        """Raise `BadPing` if the message's own limits, in another unit, leave nothing of a ping that reaches so far."""
-        end_m = float(self._ranges_m[-1])
-        last_m, allowed_m = min(end_m, reach_m), self._parameters.echo.blanking_m
-        unit = likely_length(ping.range_min_m, _NEAREST * end_m, last_m)
-        if allowed_m < last_m < ping.range_min_m and unit:
-            raise BadPing('too_short', f'range_min of the message is {ping.range_min_m:g} m, echoes can be heard up to '
-                                       f'{last_m:.3g} m{unit}')
-        if 0.0 < ping.range_max_m <= max(_LEAST_OF_AXIS * end_m, allowed_m):
-            unit = likely_length(ping.range_max_m, end_m / _MOST_REACH, end_m * _MOST_REACH)
-            raise BadPing('bad_shape', f'range_max of the message is {ping.range_max_m:g} m, which leaves nothing to '
-                                       f'hear{unit}')
-
-    def _likely_unit_of_reach(self, ping: Ping) -> str:
-        if abs(ping.t0_s) > _MOST_REACH * ping.samples.size * ping.period_s:
-            return f'; the first sample is {ping.t0_s:g} s after emission: echo.t0_s is in seconds'
-        return self._likely_unit(ping)
-
-    def _likely_unit(self, ping: Ping) -> str:
-        """Name the unit that the sample period of a ping that cannot be right may be in."""
-        longest_s = 1.0 / (_FEWEST_PER_CYCLE * self._parameters.pulse.frequency_hz)
-        useful_s = 2.0 * float(self._ranges_m[-1]) / self._speed_m_s / max(ping.samples.size, 1)
-        return guessed_unit(ping.period_s, useful_s, min(longest_s, _MOST_REACH * useful_s), useful_s / _MOST_REACH,
-                            ping.samples.size)
-
-    def _check_converter(self, ping: Ping) -> None:
-        """Raise `BadPing` if more samples beyond the blanking are clipped or dropped out than `front_end.max_bad`."""
-        allowed = self._parameters.front_end.max_bad
-        if allowed == 1.0:
-            return
-        first = max(int(np.ceil((self._blanked_s(ping) - ping.t0_s) / ping.period_s)), 0)
-        for what, bad in (('clipped', clipped(ping.samples)), ('dropped out', dropped_out(ping.samples))):
-            if (share := float(np.mean(bad[first:]))) > allowed:
-                raise BadPing('bad_samples', f'{share:.1%} of the samples beyond the blanking are {what}; allowed: '
-                                             f'{allowed:.1%} (front_end.max_bad)')
-
     def hear(self, ping: Ping, finely: bool = True) -> Heard:
-        """Eq. (3) of a ping that `check` let pass; zero within the blanking and beyond the last useful range.
+        """Eq. (3) of a ping that `admission` let pass; zero within the blanking and beyond the last useful range.
 
         Not finely: without the echo on the fine axis, which takes most of the work, and without the noise where
         nothing else depends on it; then that and the confidence are nan.
         """
         correlate, gauge, front_end, width_m, _ = self._filter(ping)
         samples = front_end.levelled(ping.samples)
-        used = front_end.limited(samples, self._blanked_s(ping))
+        used = front_end.limited(samples, self.admission.blanked_s(ping))
         echo = correlate(used, finely)
-        blanking_m, last_m = self._blanking_m(ping), ping.range_max_m or np.inf
+        blanking_m, last_m = self.admission.blanking_m(ping), ping.range_max_m or np.inf
         axis_m = self._fine_m if finely else self._ranges_m
         echo[np.searchsorted(axis_m, last_m * (1.0 + 1e-9), 'right'):] = 0.0
         envelope = np.abs(echo[:: self.fold] if finely else echo)
@@ -264,7 +160,7 @@ class Listener:
         return Heard(echo if finely else _NO_ECHO, envelope, rho, noise, sure)
 
     def freed(self, ping: Ping, known_hz: Sequence[float] = ()) -> tuple[Ping, Freed]:
-        """Return a ping that `check` let pass without impulses and lines, and what these were.
+        """Return a ping that `admission` let pass without impulses and lines, and what these were.
 
         Lines that other pings have are at `known_hz` [Hz].
         """
@@ -287,7 +183,7 @@ class Listener:
         front_end = self._filter(ping)[2]
         freed, _ = self.freed(cleaned, known_hz)
         levelled = front_end.levelled(freed.samples)
-        limited = front_end.limited(levelled, self._blanked_s(ping))
+        limited = front_end.limited(levelled, self.admission.blanked_s(ping))
         steps = [('as received', ping.samples), ('without what is common', cleaned.samples),
                  ('without impulses and lines', freed.samples),
                  ('without DC, with gain over time', levelled), ('in the band, blanking muted', limited)]
@@ -297,7 +193,7 @@ class Listener:
         centre_s = self.pulse.centre_s
         range_m = np.asarray(0.5 * self._speed_m_s * (time_s - centre_s), dtype=float)
         return Signals((steps[0], *changed), time_s, range_m, self._ranges_m,
-                       np.abs(heard.echo[::self.fold]) / heard.noise, heard.rho, self._blanking_m(ping))
+                       np.abs(heard.echo[::self.fold]) / heard.noise, heard.rho, self.admission.blanking_m(ping))
 
     @property
     def pulse_s(self) -> float:
@@ -317,13 +213,6 @@ class Listener:
             nominal = Ping(0, np.zeros(int(self.pulse.duration_s / period_s) + 64), period_s)
             self._shape = self._correlation(_key(nominal)).autocorrelation
         return PulseShape.of(self._shape, float(self._fine_m[1]))
-
-    def _blanking_m(self, ping: Ping) -> float:
-        return max(self._parameters.echo.blanking_m, ping.range_min_m)
-
-    def _blanked_s(self, ping: Ping) -> float:
-        """When an echo from the end of the blanking begins, after emission [s]."""
-        return 2.0 * self._blanking_m(ping) / self._speed_m_s
 
     def ready(self, ping: Ping) -> bool:
         """Whether `hear` answers at once; where its filter is missing, that is begun."""
@@ -358,21 +247,6 @@ class Listener:
             wiener_noise = front_end.wiener_noise if front_end.filter == 'wiener' else None
             return MatchedFilter(self._medium, pulse, self._fine_m, *key, self.fold, wiener_noise)
         return EnvelopeFilter(self._speed_m_s, pulse.centre_s, self._fine_m, *key)
-
-
-def _check_band(parameters: Parameters, pulse: Pulse) -> None:
-    """Raise `ParameterError` if the band-pass takes the pulse out."""
-    low_hz, high_hz = parameters.front_end.band_low_hz, parameters.front_end.band_high_hz
-    if not low_hz and not high_hz:
-        return
-    period_s = min(0.125 / parameters.pulse.frequency_hz, pulse.duration_s / 16.0)
-    samples = pulse.samples(period_s)
-    left = in_band(samples, band_pass(len(samples), period_s, low_hz, high_hz))
-    share = float(np.sum(left**2) / np.sum(samples**2))
-    if share < _LEAST_IN_BAND:
-        name = 'front_end.band_low_hz' if low_hz > parameters.pulse.frequency_hz else 'front_end.band_high_hz'
-        raise ParameterError(name, f"{parameters[name]!r} takes out the pulse: {share:.1%} of its energy is in the "
-                                   f'band; allowed: at least {_LEAST_IN_BAND:.0%}')
 
 
 _Key: TypeAlias = tuple[int, float, float]

@@ -140,7 +140,7 @@ class Reception:
             raise UsageError(f'ping: found {type(ping).__name__}; allowed: a Ping, of the stamp, samples and period_s')
         try:
             listener = self._listener.at(ping.period_s)
-            listener.check(ping)
+            listener.admission.check(ping)
         except BadPing as bad:
             self.intake.refuse(bad.reason, str(bad))
             return
@@ -204,7 +204,7 @@ class Reception:
     def signals(self, ping: Ping) -> Signals:
         """Return what would be made of a ping now, step by step, to be looked at; `BadPing` if it cannot be used."""
         listener = self._listener.at(ping.period_s)
-        listener.check(ping)
+        listener.admission.check(ping)
         return listener.signals(ping, self._common.cleaned(ping), self._lines.known_hz)
 
     @property
@@ -246,7 +246,7 @@ class Reception:
         for name, part in self._parts.items():
             part.restore(parts[name])
         for ping in (*self.intake.waiting, *self._common.pings):
-            self._listener.check(ping)
+            self._listener.admission.check(ping)
         self.intake.resuming = self.parameters.odometry.on_jump_back == 'reset'
         self._restored = True
 

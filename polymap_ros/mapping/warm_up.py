@@ -9,7 +9,7 @@ from polymap_ros.acoustics.pulse import RecordedPulse, make_pulse
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
-from polymap_ros.solvers.evidence.solver import rehearse
+from polymap_ros.solvers.evidence.rehearsal import rehearse
 
 
 def warm_up(parameters: Parameters, recorded_pulse: RecordedPulse | ArrayLike | None = None) -> None:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.units import likely_unit
+from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.errors import BadPing
 from polymap_ros.messages.fields import field_of, laid_out, numbers_of
-from polymap_ros.parameters import EchoParameters
 
 POINT_FIELD_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 """numpy's names of the datatypes of sensor_msgs/msg/PointField."""

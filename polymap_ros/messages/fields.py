@@ -10,8 +10,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.echo_parameters import SAMPLE_DTYPES, EchoParameters
 from polymap_ros.errors import BadPing, ParameterError
-from polymap_ros.parameters import SAMPLE_DTYPES, EchoParameters
 
 
 class Field(NamedTuple):

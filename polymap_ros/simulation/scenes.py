@@ -6,9 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.errors import SceneError
 from polymap_ros.map_parameters import GridParameters
-from polymap_ros.parameters import EchoParameters, MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped

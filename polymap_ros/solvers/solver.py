@@ -63,6 +63,11 @@ class Evidence:
     cautions: tuple[Caution, ...] = ()
 
     @property
+    def heard(self) -> list[Sounding]:
+        """The soundings that have echoes."""
+        return [sounding for sounding in self.soundings if sounding.echo.size]
+
+    @property
     def all_places(self) -> Places:
         """Where all pings were used."""
         if self.places is not None:

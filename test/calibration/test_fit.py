@@ -7,9 +7,10 @@ import pytest
 
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.calibration.diagnosis import diagnosis, doubtful, overrides, warning
-from polymap_ros.calibration.fit import Fit, Refusal, calibrated_medium, calibrated_odometry, calibrated_time_zero
+from polymap_ros.calibration.fit import calibrated_medium, calibrated_odometry, calibrated_time_zero
 from polymap_ros.calibration.focus import background, echo_strength, feet_of, line_focus, wave_focus
 from polymap_ros.calibration.session import Tape
+from polymap_ros.calibration.stages import Fit, Refusal
 from polymap_ros.cautions import Caution
 from polymap_ros.errors import ParameterError
 from polymap_ros.geometry.lines import polygon_lines

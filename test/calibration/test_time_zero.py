@@ -5,8 +5,9 @@ import dataclasses
 import pytest
 
 from polymap_ros.calibration import fit
-from polymap_ros.calibration.fit import Fit, Refusal, calibrated_time_zero
+from polymap_ros.calibration.fit import calibrated_time_zero
 from polymap_ros.calibration.session import Tape
+from polymap_ros.calibration.stages import Fit, Refusal
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters

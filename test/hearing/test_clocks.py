@@ -65,6 +65,6 @@ def test_stamps_that_are_all_0():
 def test_a_period_in_another_unit_is_called_by_it(period_s, reason, words):
     listener = Listener(Parameters(), np.arange(0.0, 3.001, 0.005))
     with pytest.raises(BadPing) as caught:
-        listener.check(Ping(0, np.ones(1200, np.float32), period_s))
+        listener.admission.check(Ping(0, np.ones(1200, np.float32), period_s))
     assert caught.value.reason == reason
     assert words in str(caught.value)

@@ -9,7 +9,8 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.acoustics.ranging import closest_range
 from polymap_ros.errors import BadPing, ParameterError
-from polymap_ros.hearing.listening import MAX_CELLS, MAX_SAMPLES, Listener
+from polymap_ros.hearing.admission import MAX_SAMPLES, MAX_STEPS
+from polymap_ros.hearing.listening import Listener
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.waveforms import Synthesis
 
@@ -53,7 +54,7 @@ def with_one(value):
 ])
 def test_what_cannot_be_used_is_refused_with_its_reason(bad, reason):
     with pytest.raises(BadPing) as caught:
-        listener().check(bad)
+        listener().admission.check(bad)
     assert caught.value.reason == reason
     assert str(caught.value)
 
@@ -65,18 +66,18 @@ def test_what_cannot_be_used_is_refused_with_its_reason(bad, reason):
     ({'range_max_m': 0.15}, 'range_max of the message is 0.15 m, which leaves nothing to hear')])
 def test_a_limit_in_another_unit_is_called_by_its_field(limits, words):
     with pytest.raises(BadPing, match=words):
-        listener(echo__blanking_m=0.2 if '0.15' in words else 0.01).check(ping(**limits))
+        listener(echo__blanking_m=0.2 if '0.15' in words else 0.01).admission.check(ping(**limits))
 
 
 def test_a_time_zero_in_another_unit_is_named_and_not_the_period():
     with pytest.raises(BadPing, match=r'the first sample is 50 s after emission: echo\.t0_s is in seconds') as caught:
-        listener().check(ping(t0_s=50.0))
+        listener().admission.check(ping(t0_s=50.0))
     assert 'too long for' not in str(caught.value)
 
 
 def test_limits_that_leave_something_to_hear_pass():
     for limits in ({'range_min_m': 0.02}, {'range_min_m': 2.9}, {'range_max_m': 3000.0}, {'range_max_m': 0.05}):
-        listener().check(ping(**limits))
+        listener().admission.check(ping(**limits))
 
 
 @pytest.mark.parametrize('good', [
@@ -84,21 +85,21 @@ def test_limits_that_leave_something_to_hear_pass():
     ping(NOISE.astype(np.float16)), ping(with_one(1e30)),
 ])
 def test_what_can_be_used_passes(good):
-    listener().check(good)
+    listener().admission.check(good)
     heard = listener().hear(good)
     assert np.all(np.isfinite(heard.envelope))
 
 
 def test_the_memory_that_a_ping_can_ask_for_is_bounded():
     steps = 0.5 * 343.0 * MAX_SAMPLES * 1e-5 / 0.005
-    assert steps < MAX_CELLS  # many samples alone are within
+    assert steps < MAX_STEPS  # many samples alone are within
     slow = ping(np.ones(MAX_SAMPLES, np.float32), period_s=1e-3)
     with pytest.raises(BadPing, match='range'):
-        listener(medium__model='constant', pulse__frequency_hz=100.0).check(slow)
+        listener(medium__model='constant', pulse__frequency_hz=100.0).admission.check(slow)
 
 
 def test_magnitudes_need_no_period_fine_enough_for_the_carrier():
-    listener(echo__kind='envelope').check(ping(np.abs(NOISE), period_s=1e-5))
+    listener(echo__kind='envelope').admission.check(ping(np.abs(NOISE), period_s=1e-5))
 
 
 def test_hears_eq_3_and_the_closest_range():
@@ -163,19 +164,19 @@ def test_pings_of_different_shapes_do_not_mix():
 
 def test_pings_of_a_bad_converter_are_refused_beyond_the_blanking():
     clipped = np.clip(NOISE, -1.5, 1.5)  # 13 % of the samples
-    listener().check(ping(clipped))
+    listener().admission.check(ping(clipped))
     with pytest.raises(BadPing, match=r'clipped.*front_end\.max_bad') as caught:
-        listener(front_end__max_bad=0.01).check(ping(clipped))
+        listener(front_end__max_bad=0.01).admission.check(ping(clipped))
     assert caught.value.reason == 'bad_samples'
     silent = NOISE.copy()
     silent[1000:1100] = 0.25
     with pytest.raises(BadPing, match='dropped out'):
-        listener(front_end__max_bad=0.01).check(ping(silent))
+        listener(front_end__max_bad=0.01).admission.check(ping(silent))
     near = NOISE.copy()
     near[:100] = 7.0  # the direct wave, within 0.15 m
-    listener(front_end__max_bad=0.01, echo__blanking_m=0.15).check(ping(near))
+    listener(front_end__max_bad=0.01, echo__blanking_m=0.15).admission.check(ping(near))
     with pytest.raises(BadPing):
-        listener(front_end__max_bad=0.01).check(ping(near))
+        listener(front_end__max_bad=0.01).admission.check(ping(near))
 
 
 def two_walls(parameters=None):
@@ -249,6 +250,6 @@ def test_a_band_without_the_pulse_is_refused(values, name):
 
 
 def test_a_gain_that_leaves_no_numbers_is_refused():
-    listener(front_end__gain_db_s=1e5).check(ping(NOISE))
+    listener(front_end__gain_db_s=1e5).admission.check(ping(NOISE))
     with pytest.raises(BadPing, match='gain_db_s comes to'):
-        listener(front_end__gain_db_s=1e7).check(ping(NOISE))
+        listener(front_end__gain_db_s=1e7).admission.check(ping(NOISE))

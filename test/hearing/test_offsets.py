@@ -107,5 +107,5 @@ def test_a_few_pings_with_an_offset_are_not_told():
 def test_samples_that_are_all_the_same_are_no_ping(value):
     parameters = Parameters()
     with pytest.raises(BadPing, match=f'all 2048 samples are {value:g}: is the receiver connected') as bad:
-        Listener(parameters, BeamformingMap(parameters.grid).r_m).check(Ping(0, np.full(2048, value), 1e-6))
+        Listener(parameters, BeamformingMap(parameters.grid).r_m).admission.check(Ping(0, np.full(2048, value), 1e-6))
     assert bad.value.reason == 'bad_samples'

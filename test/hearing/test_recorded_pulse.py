@@ -41,7 +41,7 @@ def test_the_envelope_is_that_of_the_samples_themselves(cycles_a_sample):
     period_s = cycles_a_sample / FREQUENCY_HZ
     heard = ping(period_s)
     ears = listener(period_s).at(period_s)
-    ears.check(heard)
+    ears.admission.check(heard)
     echo = ears.hear(heard)
     fine_m = np.linspace(0.0, 3.0, ears.n_fine)
     peak = int(np.abs(echo.echo).argmax())
@@ -66,12 +66,12 @@ def test_the_axis_is_fine_enough_for_the_pulse_at_its_own_period():
 
 def test_two_rates_are_refused_by_name():
     from_header = listener(1e-6, known_s=1e-6)
-    from_header.check(ping(1e-6))
+    from_header.admission.check(ping(1e-6))
     with pytest.raises(BadPing, match=r'pulse\.path is sampled at 1e\+06 Hz, the echoes at 800000 Hz; resample') as bad:
-        from_header.at(1.25e-6).check(ping(1.25e-6))
+        from_header.at(1.25e-6).admission.check(ping(1.25e-6))
     assert bad.value.reason == 'bad_shape'
     with pytest.raises(BadPing, match=r'pulse\.path is sampled at 1e\+06 Hz'):
-        listener(1e-6).at(1e-6).check(ping(1.25e-6))
+        listener(1e-6).at(1e-6).admission.check(ping(1.25e-6))
 
 
 def fed(scene, pulse, **changes):

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.messages.echoes import ping_from_message
-from polymap_ros.parameters import EchoParameters
 
 SCAN, CLOUD = 'sensor_msgs/msg/LaserScan', 'sensor_msgs/msg/PointCloud2'
 IMAGE, ARRAY = 'sensor_msgs/msg/Image', 'std_msgs/msg/Float32MultiArray'

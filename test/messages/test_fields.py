@@ -6,10 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from polymap_ros.echo_parameters import A_SCAN_TYPES, EchoParameters
 from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.fields import Field, check_echo_fields
-from polymap_ros.parameters import A_SCAN_TYPES, EchoParameters
 
 JOINTS, ARRAY = 'sensor_msgs/msg/JointState', 'std_msgs/msg/Int16MultiArray'
 TIME = 'builtin_interfaces/msg/Time'

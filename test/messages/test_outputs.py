@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.messages import outputs
 from polymap_ros.messages.echoes import ping_from_message
-from polymap_ros.parameters import EchoParameters
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
-from polymap_ros.parameters import A_SCAN_TYPES
+from polymap_ros.echo_parameters import A_SCAN_TYPES
 
 PAGE = (Path(__file__).parents[2] / 'doc' / 'ros.md').read_text(encoding='utf-8')
 ROS_OWN = ('/rosout', '/parameter_events')

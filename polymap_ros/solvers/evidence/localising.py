@@ -15,8 +15,7 @@ from polymap_ros.solvers.evidence import wording
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, steps_and_losses, trajectory_of
 from polymap_ros.solvers.evidence.rejoining import behind, joined, onward_from
-from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tracking import Chain, Track, refined
 from polymap_ros.solvers.evidence.walls import KnownWalls
 from polymap_ros.solvers.evidence.whereabouts import FEWEST, LOOKED_AT, whereabouts
@@ -56,7 +55,7 @@ class LocalisingSolver:
         """Return the outline with the path in it; without where the pings fit no place, or several."""
         assert evidence.outline is not None, 'the mapper knows its outline'
         stamp_ns = evidence.all_places.last_ns
-        heard = [sounding for sounding in evidence.soundings if sounding.echo.size]
+        heard = evidence.heard
         if len(heard) < FEWEST:
             return self._nowhere(stamp_ns, evidence, len(heard))
         middle = evidence.outline.vertices.mean(axis=0)

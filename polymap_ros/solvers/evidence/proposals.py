@@ -18,7 +18,7 @@ from polymap_ros.geometry.outline import corners_of, normals_of, part_within
 from polymap_ros.geometry.paths import first_order, first_orders
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.data import EchoData
-from polymap_ros.solvers.evidence.power import more_power
+from polymap_ros.solvers.evidence.power_sums import more_power
 
 _BLANKED = -3.0
 """Evidence of a foot that would have been heard within the blanked range."""

@@ -10,7 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.parameters import Parameters
+from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.edge_phase import laws
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
@@ -34,6 +37,7 @@ from polymap_ros.solvers.evidence.tuning import (
 )
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
+from polymap_ros.solvers.solver import Evidence
 
 
 class Found(NamedTuple):
@@ -161,3 +165,16 @@ class Search(Ground):
         explained = float(np.sum(predicted * excess)) / max(float(np.sum(predicted**2)), 1e-300)
         explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
         return Found(fitted, None, min(explained, 1.0), fitted.value - PRICE * len(fitted.walls))
+
+
+def search_of(evidence: Evidence, parameters: Parameters, checkpoint: Checkpoint = unwatched) -> Search:
+    """A search over the pings whose echoes are kept."""
+    assert evidence.pulse is not None, 'the mapper knows its pulse'
+    sensor = parameters.sensor
+    data = EchoData.of(evidence.heard, evidence.pulse, parameters.medium.spreading, parameters.echo.blanking_m,
+                       (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m))
+    generator = np.random.default_rng(parameters.solver.seed)
+    coherent = parameters.echo.kind == 'rf'
+    dispersed = not coherent and parameters.medium.model == 'lamb_a0'
+    edges = laws(parameters.medium)
+    return Search(data, parameters.solver.max_edges, generator, coherent, dispersed, checkpoint, edges)

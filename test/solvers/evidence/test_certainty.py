@@ -15,8 +15,7 @@ from polymap_ros.solvers.evidence.certainty import certainty_of
 from polymap_ros.solvers.evidence.ground import least_gain
 from polymap_ros.solvers.evidence.likelihood import information_of
 from polymap_ros.solvers.evidence.proposals import corner_cuts
-from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tuning import PRICE
 from polymap_ros.solvers.evidence.walls import Walls
 

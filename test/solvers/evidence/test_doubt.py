@@ -20,7 +20,7 @@ from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs
 from polymap_ros.simulation.waveforms import simulate
 from polymap_ros.solvers.evidence import ground
-from polymap_ros.solvers.evidence.solver import CERTAIN
+from polymap_ros.solvers.evidence.answer import CERTAIN
 
 EXACT = {'slam.mode': 'off'}
 """Where the odometry is not what is in question, it is not looked into, which takes tens of seconds where nothing else

@@ -20,8 +20,7 @@ from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.simulation.waveforms import simulate
 from polymap_ros.solvers.evidence import drift
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
-from polymap_ros.solvers.evidence.search import Search
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.evidence.tracking import Chain
 
 

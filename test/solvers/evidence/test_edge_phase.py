@@ -13,7 +13,7 @@ from polymap_ros.parameters import MediumParameters, Parameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase, laws
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
 

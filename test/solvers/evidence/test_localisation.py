@@ -11,7 +11,7 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.localisation import MISLED, Localiser, Prior
 from polymap_ros.solvers.evidence.odometry import Increments, OdometryNoise
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import search_of
 
 
 @pytest.fixture(scope='module')

@@ -8,7 +8,8 @@ import pytest
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.solvers.evidence.likelihood import information_of
-from polymap_ros.solvers.evidence.power import Power, PowerLikelihood, cells_near
+from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
+from polymap_ros.solvers.evidence.power_sums import cells_near
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 
 

@@ -13,6 +13,7 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.doubtful_scenes import KINDS
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.solvers.evidence import data as data_module
+from polymap_ros.solvers.evidence.answer import CERTAIN
 from polymap_ros.solvers.evidence.certainty import certainty_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.moves.corner_cut import slid
@@ -24,8 +25,7 @@ from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall
 from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
 from polymap_ros.solvers.evidence.proposals import corner_cuts
-from polymap_ros.solvers.evidence.search import Search
-from polymap_ros.solvers.evidence.solver import CERTAIN, search_of
+from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.evidence.tuning import EXPLAINED
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood

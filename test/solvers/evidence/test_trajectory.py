@@ -14,7 +14,7 @@ from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.likelihood import gradient_of, information_of
 from polymap_ros.solvers.evidence.odometry import Increments, OdometryNoise
 from polymap_ros.solvers.evidence.power import PowerLikelihood
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.trajectory import Joint, JointLikelihood, World
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import WaveformLikelihood

@@ -14,7 +14,7 @@ from polymap_ros.geometry.poses import between
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.tracking import Chain, refined
 from polymap_ros.solvers.evidence.windows import windows
 

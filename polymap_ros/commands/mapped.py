@@ -1,0 +1,126 @@
+"""One recording heard and solved, in `polymap_replay`: the mapper, the answer, and what is beside it."""
+
+import argparse
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from polymap_ros.commands import calibrating, console
+from polymap_ros.parameters import Parameters
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from polymap_ros.calibration.session import Tape
+    from polymap_ros.calibration.stages import Fit
+    from polymap_ros.cautions import Caution
+    from polymap_ros.geometry.pose import Pose
+    from polymap_ros.mapping.mapper import PolygonMapper
+    from polymap_ros.recordings.reading import Recording
+    from polymap_ros.recordings.replay import Replay
+    from polymap_ros.solvers.estimate import Candidate, Estimate
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A recording that was heard and solved; `parameters` are those after a calibration."""
+
+    recording: 'Recording'
+    replay: 'Replay'
+    mapper: 'PolygonMapper'
+    parameters: Parameters
+    estimate: 'Estimate'
+    cautions: 'Sequence[Caution]'
+    fit: 'Fit | None'
+    truth: 'NDArray[np.float64] | None'
+    true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None'
+
+    @property
+    def closed(self) -> 'Candidate | None':
+        """The polygon, if it is the answer."""
+        return self.estimate.polygon if self.estimate.status == 'closed' else None
+
+    @property
+    def complaints(self) -> 'list[Caution]':
+        """What stderr tells: what keeps the polygon from closing, or what the recording or the map lacks."""
+        from polymap_ros.cautions import causes
+
+        known = [*self.estimate.cautions, *self.cautions]
+        if self.closed is None:
+            return causes(known)
+        return [each for each in known if each.code.startswith(('recording_', 'map_'))]
+
+
+def map_recording(recording: 'Recording', parameters: Parameters, arguments: argparse.Namespace) -> Mapped:
+    """Hear the recording, calibrate where that is asked for, solve, and check what is in doubt."""
+    from polymap_ros.calibration.stages import Fit
+    from polymap_ros.cautions import of_the_first_stage
+    from polymap_ros.pulse_file import read_pulse
+    from polymap_ros.recordings.truth import read_true_path, read_truth
+    from polymap_ros.results.save import map_cautions
+
+    name, interval_s = recording.path.name, (arguments.start, arguments.end)
+    truth, true_path = read_truth(recording.path), read_true_path(recording.path)
+    mapper, replay, tape = _heard(recording, parameters, interval_s)
+    noted, fit = [], None
+    if what := calibrated(arguments):
+        session = tape.session(read_pulse(parameters))
+        fit = calibrating.found(session, what, name)
+        noted += [calibrating.heard_directly(session)] if what == 'time zero' else []
+        noted.append(calibrating.told(session, fit))
+        if isinstance(fit, Fit):
+            parameters = parameters.replaced(fit.values)
+            mapper, replay, tape = _heard(recording, parameters, interval_s)
+    estimate = console.worked(mapper.solve, f'{name}: solving')
+    if not noted:
+        noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
+    if mapper.plane and not mapper.plane.is_xy:
+        truth = true_path = None  # they are in the odometry's x and y
+    truth, true_path = _in_map_frame(mapper.origin, truth, true_path)
+    cautions = (*replay.cautions(), *noted, *map_cautions(estimate, parameters))
+    estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
+    return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
+                  truth, true_path)
+
+
+def _in_map_frame(
+    origin: 'Pose | None', truth: 'NDArray[np.float64] | None',
+    true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None',
+) -> 'tuple[NDArray[np.float64] | None, tuple[NDArray[np.int64], NDArray[np.float64]] | None]':
+    """The ground truth, which is in the odometry's frame, where the map frame has another origin."""
+    from polymap_ros.geometry.pose import Pose
+    from polymap_ros.geometry.poses import in_frame
+
+    if origin is None or origin == Pose(0.0, 0.0):
+        return truth, true_path
+    frame = origin.inverse()
+    return (None if truth is None else frame.apply(truth),
+            None if true_path is None else (true_path[0], in_frame(true_path[1], frame)))
+
+
+def calibrated(arguments: argparse.Namespace) -> str:
+    """What is to be found from the recording itself; empty if nothing is."""
+    asked = {'medium': arguments.calibrate, 'odometry': arguments.fit_odometry, 'time zero': arguments.fit_time_zero}
+    return next((what for what, wanted in asked.items() if wanted), '')
+
+
+def _heard(
+    recording: 'Recording', parameters: Parameters, interval_s: 'tuple[float | None, float | None]'
+) -> 'tuple[PolygonMapper, Replay, Tape]':
+    """A mapper that has taken the whole recording, and what it used."""
+    from polymap_ros.calibration.session import Tape
+    from polymap_ros.pulse_file import read_pulse
+    from polymap_ros.recordings.replay import Replay
+    from polymap_ros.results.loading import loaded_mapper
+
+    mapper = loaded_mapper(parameters, read_pulse(parameters))
+    tape = Tape(mapper)
+    replay = Replay(recording, mapper, parameters, *interval_s)
+    with console.progress(f'{recording.path.name}: reading', replay.total, 'msg') as advance:
+        for _ in replay:
+            advance(1)
+            if mapper.solve_due:
+                mapper.solve()
+    return mapper, replay, tape

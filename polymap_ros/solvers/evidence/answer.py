@@ -1,0 +1,183 @@
+"""From what the search has found to the answer: a polygon and what is certain of it, or the walls that are proven."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.cautions import Caution
+from polymap_ros.geometry.lines import feet_on_edges, mirrored_lines, wrapped
+from polymap_ros.geometry.outline import corners_of, half_plane_polygon
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.solvers.evidence import wording
+from polymap_ros.solvers.evidence.certainty import Certainty, certainty_of
+from polymap_ros.solvers.evidence.dead_reckoning import as_dead_reckoned
+from polymap_ros.solvers.evidence.first_walls import first_walls
+from polymap_ros.solvers.evidence.search import Found, Search
+from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
+from polymap_ros.solvers.evidence.tracking import Chain
+from polymap_ros.solvers.evidence.tuning import EXPLAINED
+from polymap_ros.solvers.snapshot import Snapshot
+from polymap_ros.solvers.solver import Evidence
+from polymap_ros.solvers.straightness import path_axis
+
+CERTAIN = 0.9
+"""Likelihood from which an edge counts as certain."""
+
+_SPARSE = 0.5
+"""Times the range that is listened to which lie between a ping and the nearest other one: no wall is told from an echo
+of another one."""
+
+_LOCATED = 0.1
+"""Share of that range which the deviation of a wall may have that counts as certain."""
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What an answer is made of.
+
+    Parameters
+    ----------
+    evidence, snapshot
+        What was heard, and where.
+    search : Search
+        Over the echoes that are kept, at the places where the pings are taken to be.
+    straight : tuple of Caution
+        That the path is too straight to tell walls from their mirror images; empty where it is not.
+    untracked : Chain, optional
+        What the odometry says, where no poses explain the echoes.
+    cut_off : bool
+        Whether a wall may be missing that cuts off a corner.
+    unheard : mapping of int to float
+        Corners that no echo has been near, and how much may be missing there [m].
+    """
+
+    evidence: Evidence
+    snapshot: Snapshot
+    search: Search
+    straight: tuple[Caution, ...]
+    untracked: Chain | None
+    cut_off: bool = False
+    unheard: Mapping[int, float] = dataclasses.field(default_factory=dict)
+
+    def open(self) -> Estimate:
+        """Return the walls that first echoes prove, where no polygon explains enough."""
+        search, heard = self.search, self.evidence.heard
+        walls = () if misheard(self.evidence) else self._proven_by_first_echoes()
+        if self.untracked is not None:  # each wall is where the robot thought that it was
+            walls = tuple(as_dead_reckoned(wall, heard, self.untracked, search.data.pulse.width_m) for wall in walls)
+        pings_apart_m, range_m = apart_m(self.evidence.all_places), reach_m(heard, search.data.pulse)
+        walls = tuple(wall for wall in walls if (wall.r_std or 0.0) < _LOCATED * range_m)
+        if pings_apart_m > _SPARSE * range_m:
+            caution = wording.far_apart(pings_apart_m, range_m)
+        else:
+            enclosing = len(half_plane_polygon([(wall.r, wall.theta) for wall in walls])[1]) > 0
+            caution = wording.nothing_closes(len(walls), enclosing, search.max_edges, heard, search.data.pulse,
+                                             bool(self.straight), self.untracked is not None)
+        return Estimate('open', 'evidence', self.snapshot.stamp_ns, walls=walls,
+                        cautions=(*self.straight, caution, *_dispersion(search)))
+
+    def concluded(self, found: Found, other: Found | None, with_poses: NDArray[np.float64] | None) -> Estimate:
+        """Return the polygon found, with its deviations; what is proven where it is not closed by what was heard.
+
+        Parameters
+        ----------
+        found, other : Found
+            The polygon, and its mirror image where that is as likely.
+        with_poses : ndarray, shape (2 n, 2 n), optional
+            The covariance of the lines of `found` where the poses are estimated, too.
+        """
+        certainty = certainty_of(self.search, found, with_poses)
+        gap = self._gap(certainty, found)
+        if self.straight and (gap or min(certainty.likelihood) < CERTAIN):
+            return self.open()
+        candidate = _polygon(found, certainty, self.search.data.positions)
+        cautions = (*self.straight, *self._cautions(found, candidate))
+        answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions)
+        if self.straight:
+            mirrored = candidate.mirrored(*path_axis(self.snapshot.positions))
+            return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, mirrored))
+        if gap:
+            return dataclasses.replace(answer, cautions=(gap, *cautions),
+                                       walls=self._proven(found, candidate, certainty))
+        if other is not None:
+            second = _polygon(other, certainty_of(self.search, other), self.search.data.positions)
+            return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, second),
+                                       cautions=(wording.mirror_image(), *cautions))
+        return dataclasses.replace(answer, status='closed', polygon=candidate,
+                                   iou_free_area=self.snapshot.region.iou(candidate.vertices))
+
+    def _cautions(self, found: Found, candidate: Candidate) -> list[Caution]:
+        cautions = []
+        weak = [k for k, edge in enumerate(candidate.edges) if edge.likelihood < CERTAIN]
+        if weak:
+            cautions.append(wording.weak_edges(weak))
+        if self.unheard:
+            cautions.append(wording.unheard_corners(self.unheard))
+        if leaves_much(self.search, found):
+            cautions.append(wording.unexplained(found.explained, len(found.lines), self.search.max_edges))
+        cautions += _dispersion(self.search)
+        if found.wave is None and self.search.coherent:
+            cautions.append(wording.incoherent())
+        return cautions
+
+    def _gap(self, certainty: Certainty, found: Found) -> Caution | None:
+        """Why the polygon is not closed by what was heard; None if it is."""
+        if certainty.unsupported:
+            return wording.edges_unheard(certainty.unsupported, len(found.lines))
+        if self.cut_off:
+            return wording.corner_cut_off()
+        _, corners = corners_of(found.lines)
+        away = np.linalg.norm(corners[:, None] - self.search.data.positions[None], axis=2).min(axis=1)
+        return wording.corner_too_far(float(np.max(away))) if np.max(away) > self.search.data.range_max_m else None
+
+    def _proven(self, found: Found, candidate: Candidate, certainty: Certainty) -> tuple[Edge, ...]:
+        """The walls that are certain of a polygon that is not closed."""
+        if leaves_much(self.search, found):  # a wall that is not there may be part of it
+            return self._proven_by_first_echoes()
+        return tuple(edge for edge, silent in zip(candidate.edges, certainty.silent, strict=True)
+                     if edge.likelihood >= CERTAIN and not silent)
+
+    def _proven_by_first_echoes(self) -> tuple[Edge, ...]:
+        """The walls that first echoes prove, whatever polygon the others may be of."""
+        heard, pulse = self.evidence.heard, self.search.data.pulse
+        walls = first_walls(np.array([(sounding.x, sounding.y) for sounding in heard]),
+                            np.array([sounding.rho for sounding in heard]), pulse.width_m)
+        middle, along = path_axis(self.snapshot.positions)
+        return tuple(wall for wall in walls
+                     if wall.likelihood >= CERTAIN and not (self.straight and _has_two_sides(wall, middle, along)))
+
+
+def misheard(evidence: Evidence) -> bool:
+    """Whether the samples have their energy elsewhere than the pulse: ranges may be off by a factor."""
+    return any(each.code == 'echo_band' for each in evidence.cautions)
+
+
+def leaves_much(search: Search, found: Found) -> bool:
+    """Whether strong echoes are left unexplained."""
+    return found.explained < EXPLAINED - search.uncertainty
+
+
+def _dispersion(search: Search) -> list[Caution]:
+    return [wording.dispersion()] if search.dispersed else []
+
+
+def _has_two_sides(wall: Edge, middle: NDArray[np.float64], along: NDArray[np.float64]) -> bool:
+    """Whether a wall's mirror image about a path is another wall, by more than two standard deviations."""
+    (_, theta), = mirrored_lines([(wall.r, wall.theta)], middle, along)
+    return float(abs(wrapped(theta - wall.theta))) > 2.0 * (wall.theta_std or 0.0)
+
+
+def _polygon(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> Candidate:
+    """The polygon found, with what is known of every edge."""
+    lines = found.lines
+    _, corners = corners_of(lines)
+    pings = feet_on_edges(corners, positions)
+    deviations = np.sqrt(np.diag(certainty.covariance)).reshape(-1, 2)
+    edges = tuple(
+        Edge(float(r), float(theta), float(certainty.likelihood[k]), float(deviations[k, 0]), float(deviations[k, 1]),
+             int(pings[k]), float(certainty.covariance[2 * k, 2 * k + 1]))
+        for k, (r, theta) in enumerate(lines))
+    return Candidate(corners, edges, certainty.covariance)

@@ -1,0 +1,194 @@
+"""The sums over cells and paths that the likelihood of `power` is made of, and the power that walls predict."""
+
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.image_sources import walls_of
+from polymap_ros.geometry.outline import is_convex
+from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
+from polymap_ros.jit import kernel
+
+Cells = TypeVar('Cells', float, NDArray[np.float64])
+"""A number for one cell or for many."""
+
+
+class HeardPower(NamedTuple):
+    """What the kernels need of the data: see `EchoData`; `shape` is the pulse's power at multiples of `shape_step`."""
+
+    ends: NDArray[np.float64]
+    power: NDArray[np.float64]
+    gain: NDArray[np.float64]
+    first: int
+    range_max: float
+    soft: float
+    cell: float
+    weight: float
+    shape: NDArray[np.float64]
+    shape_step: float
+    decay: float
+
+
+@kernel
+def more_power(
+    heard: Cells, expected: Cells | float, more: Cells
+) -> tuple[Cells, Cells]:
+    """Return x and y of x - ln y, the log likelihood ratio of `expected` + `more` power in a cell against `expected`.
+
+    This and `by_power` are all that the likelihood knows of how a cell's power is distributed.
+    """
+    ratio = 1.0 + more / expected
+    return heard * more / (expected * expected * ratio), ratio
+
+
+@kernel
+def by_power(heard: float, expected: float) -> tuple[float, float]:
+    """Return the derivative of a cell's log likelihood by the expected power, and its Fisher information."""
+    inverse = 1.0 / expected
+    return (heard * inverse - 1.0) * inverse, inverse * inverse
+
+
+@kernel
+def power_likelihood(
+    corners: NDArray[np.float64], order: int, heard: HeardPower, reflected: NDArray[np.float64], strength: float,
+    background: NDArray[np.float64], derive: bool, explained: NDArray[np.float64], scores: NDArray[np.float64],
+    information: NDArray[np.float64],
+) -> float:
+    """F of the cells in which echoes are predicted, less what it is there without them."""
+    paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
+    a, quiet = np.empty(len(paths.half)), 1.0 + background
+    total = 0.0
+    for i in range(len(heard.power)):
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, derive, paths)
+        _fill_amplitudes(paths, count, heard.gain[i], heard, reflected, a)
+        row = explained[i]
+        row[:] = 0.0
+        for m in range(count):
+            _add_echo(row, paths.half[m], a[m], heard.shape, heard.shape_step, heard.cell)
+        total += _echoes_likelihood(heard.power[i], row, background, strength, heard.first)
+        for m in range(count if derive else 0):
+            _add_derivatives(paths, m, strength * a[m], heard, i, quiet, strength, row, scores[i], information[i])
+    return heard.weight * total
+
+
+@kernel
+def _fill_amplitudes(
+    paths: Paths, count: int, gain: float, heard: HeardPower, reflected: NDArray[np.float64], a: NDArray[np.float64]
+) -> None:
+    """a_m^2 of each path; a path and its reverse add in phase."""
+    for m in range(count):
+        a[m] = gain * falloff(paths.half[m], heard.decay) * paths.weight[m] ** 2
+        for level in range(paths.hits[m]):
+            a[m] *= reflected[paths.walls[m, level]]
+    for m in range(count):
+        if paths.hits[m] > 1:
+            for q in range(m):
+                if paths.hits[q] == paths.hits[m] and abs(paths.half[q] - paths.half[m]) < 1e-7 * heard.range_max:
+                    a[q] *= 2.0
+                    a[m] *= 2.0
+                    break
+
+
+@kernel
+def cells_near(half: float, reach: float, cell: float, first: int, end: int) -> tuple[int, int]:
+    """The cells, from the first to before the second, within `reach` of an echo at range `half`."""
+    low, high = int(np.ceil((half - reach) / cell)), int((half + reach) / cell)
+    return max(low, first), min(high + 1, end)
+
+
+@kernel
+def _add_echo(
+    row: NDArray[np.float64], half: float, amplitude: float, shape: NDArray[np.float64], shape_step: float, cell: float
+) -> None:
+    """Power of an echo at range `half`, cell by cell."""
+    low, high = cells_near(half, (len(shape) - 1) * shape_step, cell, 0, len(row))
+    for j in range(low, high):
+        x = abs(j * cell - half) / shape_step
+        k = int(x)
+        if k < len(shape) - 1:
+            row[j] += amplitude * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
+
+
+@kernel
+def _add_derivatives(
+    paths: Paths, m: int, amplitude: float, heard: HeardPower, i: int, quiet: NDArray[np.float64], strength: float,
+    row: NDArray[np.float64], scores: NDArray[np.float64], information: NDArray[np.float64],
+) -> None:
+    """A path's share of its ping's scores and of the information, by its range and by its loss."""
+    shape, half = heard.shape, paths.half[m]
+    slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
+    reach = (len(shape) - 1) * heard.shape_step
+    low, high = cells_near(half, reach, heard.cell, heard.first, len(row))
+    for j in range(low, high):
+        x = (j * heard.cell - half) / heard.shape_step
+        k = int(abs(x))
+        if k < len(shape) - 1:
+            difference, certainty = by_power(heard.power[i, j], quiet[j] + strength * row[j])
+            by_range = amplitude * (shape[k] - shape[k + 1]) / heard.shape_step
+            if x < 0.0:
+                by_range = -by_range
+            by_loss = 2.0 * amplitude * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
+            slope += heard.weight * difference * by_range
+            bend += heard.weight * certainty * by_range**2
+            rise += heard.weight * difference * by_loss
+            spread += heard.weight * certainty * by_loss**2
+    n = len(scores) // 3
+    for level in range(paths.hits[m]):
+        wall = paths.walls[m, level]
+        scores[2 * n + wall] += rise
+        for axis in range(2):
+            scores[axis * n + wall] += slope * paths.slopes[m, level, axis]
+        for other in range(paths.hits[m]):
+            beside = paths.walls[m, other]
+            information[2 * n + wall, 2 * n + beside] += spread
+            for axis in range(2):
+                by = bend * paths.slopes[m, level, axis]
+                information[axis * n + wall, beside] += by * paths.slopes[m, other, 0]
+                information[axis * n + wall, n + beside] += by * paths.slopes[m, other, 1]
+
+
+@kernel
+def _echoes_likelihood(
+    power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
+    first: int,
+) -> float:
+    """F over the weight of a ping's cells in which echoes are predicted, less what it is there without them."""
+    total, product = 0.0, 1.0  # a logarithm of many factors at once
+    for j in range(first, len(power)):
+        if explained[j] > 0.0:
+            linear, ratio = more_power(power[j], 1.0 + background[j], strength * explained[j])
+            total += linear
+            product *= ratio
+            if product > 1e200:
+                total -= np.log(product)
+                product = 1.0
+    return total - float(np.log(product))
+
+
+@kernel
+def strength_slope(
+    power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
+    first: int,
+) -> tuple[float, float]:
+    """Derivative of F by the strength, and its Fisher information, both over the weight."""
+    gradient, information = 0.0, 0.0
+    for i in range(len(power)):
+        for j in range(first, power.shape[1]):
+            if explained[i, j] > 0.0:
+                slope, certainty = by_power(power[i, j], 1.0 + background[j] + strength * explained[i, j])
+                gradient += explained[i, j] * slope
+                information += explained[i, j] ** 2 * certainty
+    return gradient, information
+
+
+@kernel
+def cells_likelihood(
+    power: NDArray[np.float64], explained: NDArray[np.float64], background: NDArray[np.float64], strength: float,
+    first: int,
+) -> float:
+    """The same of all pings, from power that was predicted before."""
+    total = 0.0
+    for i in range(len(power)):
+        total += _echoes_likelihood(power[i], explained[i], background, strength, first)
+    return total
