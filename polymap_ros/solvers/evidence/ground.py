@@ -12,14 +12,17 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase
 from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
 from polymap_ros.solvers.evidence.tuning import (
+    ALL_EXPLAINED,
     EDGE_WORTH,
     ENOUGH,
     EXPLAINED,
+    FAR_ORDER,
     FEW,
     FULL_ORDER,
     MISFIT,
     PRICE,
     SEARCH_ORDER,
+    WEIGHED,
 )
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
@@ -69,12 +72,24 @@ class Ground:
         self.nothing = self.power.initial(0.0)
 
     def explained(self, wave: Wave, enough: float = np.inf) -> float:
-        """Return the share of the echoes' power that a waveform takes away, by few pings where that is `enough`."""
+        """Return the share of the echoes' power that a waveform takes away, by few pings where that is `enough`.
+
+        Where that is not all, the echoes of higher orders may be more, or weaker, than walls of one coefficient each
+        make them: then each order counts with the strength that fits it, far orders, too.
+        """
         if enough < np.inf:
-            share = _taken_away(self.few_wave, wave.of_pings(slice(None, None, self.share)))
+            few = self.few_wave.residual_power(wave.of_pings(slice(None, None, self.share)), FULL_ORDER)
+            share = _taken_away(self.few_wave.data, few)
             if share > enough:
                 return share
-        return _taken_away(self.wave, wave)
+        share = self.as_modelled(wave)
+        if share > ALL_EXPLAINED:
+            return share
+        return max(share, _taken_away(self.data, self.wave.by_order(wave, WEIGHED, FAR_ORDER)[1]))
+
+    def as_modelled(self, wave: Wave) -> float:
+        """Return the same with each order as strong as the waveform has it, and none that it leaves out."""
+        return _taken_away(self.data, self.wave.residual_power(wave, FULL_ORDER))
 
     def aligned(self, power: Power, edge: EdgePhase | None = None) -> Wave | None:
         """Return the waveform's maximum near refined walls of power, from the first order up.
@@ -142,10 +157,8 @@ class Ground:
         return self.share * self.few.value(walls, like, order)
 
 
-def _taken_away(likelihood: WaveformLikelihood, wave: Wave) -> float:
-    data = likelihood.data
-    left = likelihood.residual_power(wave, FULL_ORDER)[:, data.first_cell:]
-    return 1.0 - float(np.sum(left - 1.0)) / data.excess
+def _taken_away(data: EchoData, left: NDArray[np.float64]) -> float:
+    return 1.0 - float(np.sum(left[:, data.first_cell:] - 1.0)) / data.excess
 
 
 def least_gain(value: float) -> float:

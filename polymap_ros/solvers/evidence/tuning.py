@@ -11,6 +11,11 @@ SEARCH_ORDER = 3
 FULL_ORDER = 5
 """Orders of reflection that the waveform explains."""
 
+WEIGHED, FAR_ORDER = 8, 16
+"""By so many orders it is judged what walls leave unexplained, each as strong as fits best, the eighth and all beyond
+alike. With coefficients of 0.8 to 0.95 orders 6 to 8 hold 5 to 23 % of the echoes' power (plates of 1 to 2 m, even
+seeds), in plates of 3 and 4 edges those beyond 5 % and more; the sixteenth is farther than 3 m there."""
+
 ROUNDS = 20
 """Changes in a row, at most."""
 
@@ -91,6 +96,10 @@ EDGE_WORTH = 1.2
 """Times the log likelihood that a law by which edges turn the phase has to be worth where none explains the echoes: a
 free edge's, or a constant 45 or 90 degrees, is worth two to six times what real coefficients are (12 plates each, even
 seeds); where a wall is in the wrong place, any three numbers more gain some percent."""
+
+ORDERS_WORTH = 1.03
+"""Times the log likelihood that strengths of the echoes by order have to be worth: without order 5, which the walls
+predict, it is 1.15 times and more (24 plates, even seeds)."""
 
 EDGE_PRICE, EDGE_MISFIT = 50.0, 0.01
 """Nats that phases of reflections have to bring where the echoes are explained but for a little, and the share of the

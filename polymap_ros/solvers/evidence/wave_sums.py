@@ -75,8 +75,11 @@ class _Room(NamedTuple):
 
 
 @kernel
-def _amplitude(paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64]) -> float:
-    b: float = paths.weight[m] * falloff(paths.half[m], spreading)
+def _amplitude(
+    paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64], strengths: NDArray[np.float64]
+) -> float:
+    """b of a path: what its order counts for, its spreading, and its walls' coefficients."""
+    b: float = paths.weight[m] * falloff(paths.half[m], spreading) * strengths[paths.hits[m] - 1]
     for level in range(paths.hits[m]):
         b *= reflection[paths.walls[m, level]]
     return b
@@ -118,15 +121,15 @@ def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
 
 @kernel
 def add_up(
-    corners: NDArray[np.float64], order: int, heard: Echoes, reflection: NDArray[np.float64],
+    corners: NDArray[np.float64], strengths: NDArray[np.float64], heard: Echoes, reflection: NDArray[np.float64],
     table: NDArray[np.float64], own: NDArray[np.float64], derive: bool, sums: Sums
 ) -> None:
     """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|.
 
-    `table` is the phase's delay by a reflection over the cosine of incidence, empty where there is none, and `own` what
-    each wall adds, empty where it adds nothing.
+    `strengths` are those of the echoes of each order, up to the last one; `table` is the phase's delay by a reflection
+    over the cosine of incidence, empty where there is none, and `own` what each wall adds, empty where it adds nothing.
     """
-    slant, columns = derive or len(table) > 0, sums.edge_x.shape[1]
+    slant, columns, order = derive or len(table) > 0, sums.edge_x.shape[1], len(strengths)
     paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
     n = len(corners)
     size = len(paths.half)
@@ -136,7 +139,7 @@ def add_up(
         count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, slant, paths)
         for m in range(count):
             far = paths.half[m] >= 2.0 * heard.step
-            room.b[m] = _amplitude(paths, m, heard.spreading, reflection) if far else 0.0
+            room.b[m] = _amplitude(paths, m, heard.spreading, reflection, strengths) if far else 0.0
             room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m] + _delay(paths, m, table, own))
             if columns:
                 _fill_delays(paths, m, room.delays)
@@ -293,11 +296,16 @@ def _add_information(
 
 @kernel
 def predict(
-    corners: NDArray[np.float64], order: int, heard: Echoes, cell: float, reflection: NDArray[np.float64],
-    table: NDArray[np.float64], own: NDArray[np.float64], amplitudes: NDArray[np.complex128],
-    out: NDArray[np.complex128],
+    corners: NDArray[np.float64], strengths: NDArray[np.float64], heard: Echoes, cell: float,
+    reflection: NDArray[np.float64], table: NDArray[np.float64], own: NDArray[np.float64],
+    amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
 ) -> None:
-    """Add the waveform to every ping's cells, `cell` apart; `table` and `own` as in `add_up`."""
+    """Add the waveform to every ping's cells, `cell` apart; `strengths`, `table` and `own` as in `add_up`.
+
+    `out` has the shape (layers, N, cells): echoes of the first order, of the second and so on, in the last of them
+    those of all that are left.
+    """
+    order = len(strengths)
     paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
     half = paths.half
     reach = (len(heard.baseband) - 5) * heard.step
@@ -305,11 +313,12 @@ def predict(
     for i in range(len(heard.ends)):
         count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, paths)
         for m in range(count):
-            b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection)
+            b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection, strengths)
             low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
             turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]) - _delay(paths, m, table, own))
-            for j in range(low, min(high, out.shape[1] - 1) + 1):
+            layer = min(paths.hits[m], len(out)) - 1
+            for j in range(low, min(high, out.shape[2] - 1) + 1):
                 lag = j * cell - half[m]
                 psi, _ = cubic(heard.baseband, abs(lag) / heard.step + 2.0)
-                out[i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
+                out[layer, i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
                 turned *= on

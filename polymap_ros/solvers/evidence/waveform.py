@@ -17,7 +17,7 @@ A Re[exp(-j phi) x_i] - A^2 p_i, and its Fisher information A^2 (sum_mn b_m b_n 
 all of these for any amplitudes and any phase.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +28,15 @@ from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import COMMON, REAL, EdgePhase
 from polymap_ros.solvers.evidence.likelihood import Slopes
+from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.wave_sums import Echoes, Sums, add_up, predict
 
 _FARTHEST_RAD = 0.3
 """Largest step of the edges' phases: beyond it an echo is no longer linear in them to a tenth."""
+
+_FAINT_ORDER = 1e-9
+"""Share of their power by which the squares of echoes order by order are raised: of an order may be none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +57,9 @@ class Wave:
         Derivatives, if they were asked for.
     edge : EdgePhase
         What every reflection delays the phase by.
+    strengths : ndarray, shape (FULL_ORDER,)
+        What the echoes of each order count for: more or less than one where walls of one coefficient each do not say
+        how they decay.
     """
 
     walls: Walls
@@ -61,6 +68,7 @@ class Wave:
     amplitudes: NDArray[np.float64]
     slopes: Slopes | None = None
     edge: EdgePhase = REAL
+    strengths: NDArray[np.float64] = field(default_factory=lambda: np.ones(FULL_ORDER))
 
     @property
     def unknowns(self) -> Walls:
@@ -140,7 +148,7 @@ class WaveformLikelihood:
 
     def _at(self, corners: NDArray[np.float64], walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
         """Return L at the device's phase that fits best, near that of another, and its `edge`."""
-        sums = self._sums(corners, order, walls, like.edge, derive)
+        sums = self._sums(corners, like.strengths[:order], walls, like.edge, derive)
         v, phase = np.maximum(sums.v, 1e-300), like.phase
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
@@ -149,7 +157,7 @@ class WaveformLikelihood:
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
         value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior(walls.delay)
         slopes = _slopes(sums, v, amplitudes, phase) if derive else None
-        return Wave(walls, phase, value, amplitudes, slopes, like.edge)
+        return Wave(walls, phase, value, amplitudes, slopes, like.edge, like.strengths)
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
         """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
@@ -168,14 +176,14 @@ class WaveformLikelihood:
         outline, corners = corners_of(wave.walls.lines, self.data.shortest_m)
         if not outline:
             return np.zeros(len(self.data.positions))
-        sums = self._sums(corners, order, wave.walls, wave.edge, False)
+        sums = self._sums(corners, wave.strengths[:order], wave.walls, wave.edge, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
         return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
 
     def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
         """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
         _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        sums = self._sums(corners, order, wave.walls, wave.edge, True)
+        sums = self._sums(corners, wave.strengths[:order], wave.walls, wave.edge, True)
         v = np.maximum(sums.v, 1e-300)
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
         return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
@@ -185,7 +193,7 @@ class WaveformLikelihood:
         return climb(self, self.evaluate(start.walls, start, order, derive=True), order, iterations)
 
     def _sums(
-        self, corners: NDArray[np.float64], order: int, walls: Walls, edge: EdgePhase, derive: bool
+        self, corners: NDArray[np.float64], strengths: NDArray[np.float64], walls: Walls, edge: EdgePhase, derive: bool
     ) -> Sums:
         pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
         more = len(edge.sought(walls.delay)) if derive else 0
@@ -193,20 +201,47 @@ class WaveformLikelihood:
                     np.zeros((pings, size)), np.zeros((pings, size, size)), np.zeros((pings, more), complex),
                     np.zeros((pings, more)), np.zeros((pings, more)), np.zeros((pings, more, more)),
                     np.zeros((pings, size, more)))
-        add_up(corners, order, self._heard, walls.reflection, edge.table, edge.own(walls.delay), derive, sums)
+        add_up(corners, strengths, self._heard, walls.reflection, edge.table, edge.own(walls.delay), derive, sums)
         return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
         """Return half the squared magnitude of what the waveform leaves, on the cells of `data.power`."""
-        _, corners = corners_of(wave.walls.lines)
+        return self._left(self._on_cells() - self._predicted(wave, wave.strengths[:order], 1)[0])
+
+    def by_order(self, wave: Wave, apart: int, order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the strengths (apart,) of the echoes of each order that fit best, none below 0, and what they leave.
+
+        The last one is that of all orders from there up to `order`; what is left is as in `residual_power`.
+        """
+        from scipy.optimize import nnls  # takes a tenth of a second to load
+
+        heard, layers = self._on_cells(), self._predicted(wave, np.ones(order), apart)
+        inside = layers[:, :, self.data.first_cell:].reshape(apart, -1)
+        square = np.real(inside.conj() @ inside.T)
+        if np.trace(square) == 0.0:  # nothing is predicted within the range
+            return np.zeros(apart), self._left(heard)
+        root = np.linalg.cholesky(square + _FAINT_ORDER * np.trace(square) * np.eye(apart))
+        along = np.real(inside.conj() @ heard[:, self.data.first_cell:].ravel())
+        strengths, _ = nnls(root.T, np.linalg.solve(root, along))
+        return strengths, self._left(heard - np.tensordot(strengths, layers, 1))
+
+    def _on_cells(self) -> NDArray[np.complex128]:
+        """The signal on the cells of `data.power`."""
         data, pulse = self.data, self.data.pulse
-        stride = round(data.cell_m / pulse.step_m)
         cells = np.arange(data.power.shape[1])
-        heard = data.signal[:, cells * stride] * np.exp(2j * pulse.carrier * cells * data.cell_m)
-        predicted = np.zeros_like(heard, dtype=complex)
-        predict(corners, order, self._heard, data.cell_m, wave.walls.reflection, wave.edge.table,
+        signal = data.signal[:, cells * round(data.cell_m / pulse.step_m)]
+        return np.asarray(signal * np.exp(2j * pulse.carrier * cells * data.cell_m))
+
+    def _predicted(self, wave: Wave, strengths: NDArray[np.float64], layers: int) -> NDArray[np.complex128]:
+        """The same as the walls predict it, order by order up to the last of the layers."""
+        _, corners = corners_of(wave.walls.lines)
+        predicted = np.zeros((layers, *self.data.power.shape), complex)
+        predict(corners, strengths, self._heard, self.data.cell_m, wave.walls.reflection, wave.edge.table,
                 wave.edge.own(wave.walls.delay), wave.amplitudes * np.exp(1j * wave.phase), predicted)
-        return np.asarray(0.5 * np.abs(heard - predicted) ** 2 + self.data.filling[:, None])
+        return predicted
+
+    def _left(self, waveform: NDArray[np.complex128]) -> NDArray[np.float64]:
+        return np.asarray(0.5 * np.abs(waveform) ** 2 + self.data.filling[:, None])
 
 
 def _slopes(sums: Sums, v: NDArray[np.float64], amplitudes: NDArray[np.float64], phase: float) -> Slopes:

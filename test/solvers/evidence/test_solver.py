@@ -154,6 +154,14 @@ def test_rooms_that_turn_the_sign_are_heard_in_phase(seed, negative, listen):
     assert np.abs(errors(estimate, scene)[0]).max() < 0.15e-3
 
 
+@pytest.mark.parametrize(('edges', 'order', 'reflection'), [(5, 4, 1.0), (6, 8, 0.85)])
+def test_no_answer_hinges_on_where_a_simulator_stops(edges, order, reflection, listen):
+    scene = dataclasses.replace(random_scene(100, edges), order=order, reflection=reflection)
+    estimate = listen(scene).solve()
+    assert compare(estimate.polygon.vertices, scene.vertices).right
+    assert {caution.code for caution in estimate.cautions} <= {'unheard_corner'}
+
+
 def test_emitter_and_receiver_apart_are_no_error(listen):
     scene = dataclasses.replace(random_scene(5, 5), sensor=SensorParameters(baseline_x_m=0.06, baseline_z_m=0.1))
     estimate = listen(scene).solve()

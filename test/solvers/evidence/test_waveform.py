@@ -14,8 +14,10 @@ from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.hearing.listening import Listener
 from polymap_ros.maps.beamforming import BeamformingMap
 from polymap_ros.parameters import Parameters, SensorParameters
+from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.waveforms import Synthesis
 from polymap_ros.solvers.evidence.likelihood import gradient_of, information_of
+from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 from polymap_ros.solvers.evidence.wave_sums import cubic
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
@@ -356,6 +358,21 @@ def test_the_truth_leaves_noise(in_pentagon):
     assert left.mean() == pytest.approx(1.0, abs=0.05)
     for level in (0.5, 1.0, 2.0, 4.0):
         assert np.mean(left > level) == pytest.approx(np.exp(-level), abs=0.03)
+
+
+@pytest.mark.parametrize(('order', 'reflection'), [(3, 1.0), (4, 1.0), (8, 0.9)])
+def test_orders_that_a_simulation_leaves_out_have_no_strength(order, reflection, listen):
+    """Of those that it has, all have the same, and nothing is left but noise."""
+    scene = dataclasses.replace(random_scene(202, 4), order=order, reflection=reflection, snr_db=10.0)
+    mapper = listen(scene)
+    search = search_of(mapper.evidence, mapper.parameters)
+    walls = Walls(polygon_lines(mapper.start_pose.inverse().apply(scene.vertices)), np.full(4, reflection))
+    wave = search.wave.evaluate(walls, search.wave.begun(walls), 2)
+    strengths, left = search.wave.by_order(wave, 8, 8)
+    assert strengths[:order] == pytest.approx(np.full(order, strengths[0]), rel=0.1)  # of the eighth little is heard
+    assert np.all(strengths[order:] < 0.02 * strengths[0])
+    heard = slice(search.data.first_cell, None)
+    assert left[:, heard].mean() - 1.0 < 0.01 * (search.data.power[:, heard].mean() - 1.0)
 
 
 def test_between_samples_stands_the_cubic_through_four_of_them():
