@@ -104,7 +104,8 @@ CAUTIONS = {
         'look for what made it slip there, where the map has to be exact'),
     'lost': Kind(
         'answer', 'pings fit no place between the walls; they are not in the map',
-        'look for what stood beside the robot then, or was moved since'),
+        'look for what stood beside the robot then, or was moved since; where output.load_path is set, check that its '
+        'map is of this place'),
     'incoherent': Kind(
         'answer', 'the echoes agree in power, not in phase: medium, time zero or positions are off',
         'check medium, time zero and odometry: polymap_replay --calibrate, --fit-time-zero and --fit-odometry tell'),

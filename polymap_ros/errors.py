@@ -117,7 +117,8 @@ DROP_REASONS = {
     'paused': DropReason('received while the node was paused (~/pause)', 'call ~/pause with false'),
     'too_long': DropReason('more samples or range than a ping can have, or a gain (front_end.gain_db_s) that grows '
                            'beyond all bounds over it'),
-    'too_short': DropReason('over before an echo from beyond the blanking would be'),
+    'too_short': DropReason('over before an echo from beyond the blanking would be',
+                            'record for longer after each emission, or check the sample period and echo.blanking_m'),
 }
 """Why pings are dropped, by the reason that diagnostics and polygon.json count them under."""
 
@@ -154,6 +155,8 @@ def in_words(error: Exception, ours: Path | None = None) -> str:
     """
     if isinstance(error, OSError):
         path = error.filename2 or error.filename  # of a move, where to
+        if path is None and error.errno == errno.ENOENT:  # as of os.getcwd
+            return 'the current folder was removed; change to one that is there (cd), or write whole paths'
         named = path is not None and not (ours and Path(str(path)).absolute().is_relative_to(ours.absolute()))
         remedy = _REMEDIES.get(error.errno or 0)
         return f'{f"{path}: " if named else ""}{error.strerror or error}{f"; {remedy}" if remedy else ""}'

@@ -91,9 +91,8 @@ def kernel(function: F) -> F:
     try:
         compiled = numba.njit(nogil=True, cache=True)(function)
     except RuntimeError:
-        # Told once, as all kernels come from this line.
-        warnings.warn('no folder for numba to keep compiled code in (NUMBA_CACHE_DIR, or below HOME): polymap_ros is '
-                      'compiled anew in every process', NotKept, stacklevel=1)
+        _tell_once('no folder for numba to keep compiled code in (NUMBA_CACHE_DIR, or below HOME): polymap_ros is '
+                   'compiled anew in every process', NotKept)
         compiled = numba.njit(nogil=True)(function)
     else:
         if hasattr(compiled, '_cache'):  # not with NUMBA_DISABLE_JIT
@@ -128,7 +127,7 @@ def _do_without(cache: Any) -> None:
 
 
 def _tell_once(text: str, category: type[Warning]) -> None:
-    """Warn; numba makes Python forget what it has warned of."""
+    """Warn; numba, and other imports, make Python forget what it has warned of."""
     if text not in _TOLD:
         _TOLD.add(text)
         warnings.warn(text, category, stacklevel=1)

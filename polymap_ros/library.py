@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from polymap_ros.acoustics.ping import Ping, row_of
 from polymap_ros.acoustics.pulse import RecordedPulse, problem_of
 from polymap_ros.errors import UsageError
-from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.pose import FARTHEST_M, Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.pulse_file import read_pulse
@@ -19,6 +19,9 @@ from polymap_ros.solvers.estimate import Estimate
 
 _LAST_S = 2.0**63 * 1e-9
 """Stamps are whole nanoseconds in 64 bits."""
+
+_WHOLE_TURN = 2.0 * np.pi + 1e-6
+"""From one ping to the next no heading changes by more, wrapped or not [rad]."""
 
 _SHOWN = 80
 """Characters of a wrong argument that are shown."""
@@ -63,8 +66,7 @@ def map_polygon(
     """
     parameters = _parameters(parameters)
     places = _numbers('poses', poses)
-    if places.ndim != 2 or places.shape[1] != 3 or not len(places) or not np.isfinite(places).all():
-        raise UsageError(f'poses: found shape {places.shape}; allowed: finite x, y and heading of each ping, (T, 3)')
+    _check_poses(places)
     rows = _rows(samples)
     times = np.arange(len(places), dtype=float) if stamps_s is None else _numbers('stamps_s', stamps_s)
     if len(rows) != len(places) or times.shape != (len(places),):
@@ -95,9 +97,20 @@ def _parameters(given: object) -> Parameters:
     return Parameters.of(given)
 
 
+def _check_poses(places: NDArray[np.float64]) -> None:
+    if places.ndim != 2 or places.shape[1] != 3 or not len(places) or not np.isfinite(places).all():
+        raise UsageError(f'poses: found shape {places.shape}; allowed: finite x, y and heading of each ping, (T, 3)')
+    if (farthest_m := np.abs(places[:, :2]).max()) > FARTHEST_M:
+        raise UsageError(f'poses: found {farthest_m:g} m; allowed: x and y up to {FARTHEST_M:g} m')
+    turned = np.abs(np.diff(places[:, 2]))
+    if len(turned) and turned.max() > _WHOLE_TURN:
+        raise UsageError(f'poses: the heading changes by {turned.max():g} from row {int(turned.argmax())} to the next; '
+                         'headings are in radians (np.deg2rad of degrees)')
+
+
 def _numbers(name: str, given: ArrayLike) -> NDArray[np.float64]:
     try:
-        return np.asarray(given, dtype=float)
+        return np.asarray(_unmasked(given), dtype=float)
     except (TypeError, ValueError) as error:
         raise UsageError(f'{name}: found {_shown(given)}; allowed: an array of numbers') from error
 
@@ -115,14 +128,21 @@ def _seconds(name: str, given: object, can_be: Callable[[float], bool], allowed:
     raise UsageError(f'{name}: found {_shown(given)}; allowed: a number of seconds, {allowed}')
 
 
+def _unmasked(given: Any) -> Any:
+    """What is masked is not known: nan."""
+    return np.ma.filled(given.astype(float), np.nan) if isinstance(given, np.ma.MaskedArray) else given
+
+
 def _rows(samples: Any) -> list[NDArray[Any]]:
+    if hasattr(samples, 'to_numpy'):  # a table, which gives its columns one by one
+        samples = samples.to_numpy()
     try:
-        rows = [row_of(row) for row in samples]
+        rows = [row_of(_unmasked(row)) for row in samples]
     except TypeError as error:
         raise UsageError(f'samples: found {_shown(samples)}; allowed: a row of numbers for each pose') from error
     for row in rows:
         if row.dtype.kind in 'OUSMm':
-            raise UsageError(f'samples: found {_shown(row.tolist())}; allowed: numbers')
+            raise UsageError(f'samples: found {_shown(row.tolist())} of type {row.dtype}; allowed: numbers')
     return rows
 
 

@@ -14,5 +14,5 @@ def whole_number(value: Any, least: int = 0) -> int:
     """A number that can be counted to, of an array's one element; `StateError` for any other."""
     number = np.asarray(value)
     if number.shape != () or number.dtype.kind not in 'iu' or not least <= int(number) <= _MOST:
-        raise StateError(f'{number!r} is not a whole number from {least} to {_MOST}')
+        raise StateError(f'{number.tolist()!r:.80} is not a whole number from {least} to {_MOST}')
     return int(number)

@@ -238,6 +238,10 @@ class Parameters:
     """What relative file names in the parameters are relative to: the YAML's folder."""
 
     def __post_init__(self) -> None:
+        for group in _GROUPS:
+            if not isinstance(getattr(self, group), Group):
+                raise ParameterError(group, f'{getattr(self, group)!r:.80} is no group of parameters; '
+                                     f"Parameters.of({group}={{...}}) takes a mapping")
         medium, grid, area = self.medium, self.grid, self.free_area
         wavelengths = self.pulse.frequency_hz * medium.thickness_m / medium.shear_speed_m_s
         if medium.model == 'lamb_a0' and not 1e-4 <= wavelengths <= 100.0:

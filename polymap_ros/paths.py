@@ -1,6 +1,15 @@
 """Paths as users write them in parameters, scenes and arguments that no shell has seen."""
 
 import os
+from pathlib import Path
+
+
+def working_folder() -> Path:
+    """Return the current folder's path; an empty one where it was removed, in which only whole paths lead anywhere."""
+    try:
+        return Path.cwd()
+    except FileNotFoundError:
+        return Path()
 
 
 def expanded(text: str) -> str:

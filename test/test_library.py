@@ -74,6 +74,9 @@ def test_lists_and_counts_are_samples():
     assert Ping(0, kept, 1e-6).samples is kept
 
 
+NOISE = np.random.default_rng(1).normal(size=(1, 2048))
+
+
 @pytest.mark.parametrize(('poses', 'samples', 'more', 'says'), [
     ([[0, 0]], [[0.0, 1.0]], {}, r'poses: found shape \(1, 2\)'),
     ([[0, 0, 0]], [[0.0, 1.0]] * 2, {}, '1 poses, 2 rows of samples and 1 stamps'),
@@ -89,11 +92,40 @@ def test_lists_and_counts_are_samples():
     ([[0, 0, 0]], None, {}, 'samples: found None'), ([[0, 0, 0]], 3, {}, 'samples: found 3'),
     ([[0, 0, 0]], ['abc'], {}, "samples: found 'abc'"), ([[0, 0, 0]], [[[0, 1], [2]]], {}, 'rows of several lengths'),
     ([[0, 0, 0]], [[1j, 0]], {}, 'bad_shape: the samples are of type complex128; allowed: real numbers'),
+    ([[0, 0, 10], [0, 0, 20]], [[0.0, 1.0]] * 2, {}, 'changes by 10 from row 0 to the next; headings are in radians'),
+    ([[2e9, 0, 0]], [[0.0, 1.0]], {}, r'poses: found 2e\+09 m'),
+    ([[0, 0, 0]], np.array([[0.5, 1.0]], object), {}, 'of type object; allowed: numbers'),
+    ([[0, 0, 0]], np.ma.masked_array(NOISE, NOISE > 3), {}, 'bad_samples: [0-9]+ of 2048 samples are not finite'),
     ([[0, 0, 0]], [[0.0, 1.0]], {}, 'no ping can be used, most as too_short: 2 samples end'),
 ])
 def test_what_cannot_be_mapped_is_said(poses, samples, more, says):
     with pytest.raises(UsageError, match=says):
         map_polygon(poses, samples, **{'period_s': 1e-6, **more})
+
+
+class Table:
+    """As of pandas: it gives its columns one by one."""
+
+    def __init__(self, rows):
+        self.rows = rows
+
+    def __iter__(self):
+        return iter(range(self.rows.shape[1]))
+
+    def to_numpy(self):
+        return self.rows
+
+
+def test_tables_and_long_doubles_are_arrays():
+    poses, samples = np.zeros((3, 3)), np.random.default_rng(2).normal(size=(3, 2048))
+    plain, table, long = (map_polygon(poses, given, period_s=1e-6).cautions
+                          for given in (samples, Table(samples), samples.astype(np.longdouble)))
+    assert plain == table == long
+
+
+def test_groups_are_parameters():
+    with pytest.raises(ParameterError, match=r"medium: \{'model': 'constant'\} is no group .*Parameters\.of\(medium="):
+        Parameters(medium={'model': 'constant'})
 
 
 def test_first_mistakes_are_told_by_name(tmp_path, monkeypatch):

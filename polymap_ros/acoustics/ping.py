@@ -49,6 +49,8 @@ class Ping:
         samples = row_of(self.samples)
         if samples.dtype.kind in 'iu' and samples.ndim == 1:
             samples = samples.astype(np.float64 if samples.dtype.itemsize > 2 else np.float32)
+        elif samples.dtype.kind == 'f' and samples.dtype.itemsize > 8:  # more than a transform takes
+            samples = samples.astype(np.float64)
         if samples is not self.samples:
             object.__setattr__(self, 'samples', samples)
 

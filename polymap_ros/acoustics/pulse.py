@@ -9,6 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from polymap_ros.errors import ParameterError
 from polymap_ros.parameters import PulseParameters
 
+_LONG = 2048
+"""Samples of a wave from which its spectrum is not summed up term by term: that takes their number times the ping's."""
+
 _SAME_PERIOD = 1e-4
 """A message holds a period to 1e-7 and .wav a rate in whole Hz; a pulse of 100 cycles is then off by 0.01 of one."""
 
@@ -169,7 +172,14 @@ def _window(t: NDArray[np.float64], duration: float, hann: bool) -> NDArray[np.f
 
 
 def _transform(wave: NDArray[np.float64], period: float, omega: NDArray[np.float64]) -> NDArray[np.complex128]:
-    """Sum of wave_k exp(-j w k period) * period, in blocks of bounded memory."""
+    """Sum of wave_k exp(-j w k period) * period, in blocks of bounded memory; a long wave's by a chirp z-transform."""
+    if len(wave) > _LONG and omega.ndim == 1 and len(omega) > 1:
+        step = float(omega[-1] - omega[0]) / (len(omega) - 1)
+        if np.allclose(np.diff(omega), step, rtol=1e-6, atol=0.0):
+            from scipy.signal import czt  # takes as long to load as all the rest of scipy that is used
+
+            return np.asarray(period * czt(
+                wave, len(omega), np.exp(-1j * step * period), np.exp(1j * float(omega[0]) * period)))
     t = np.arange(len(wave), dtype=float) * period
     flat = omega.ravel()
     block = max(1, 4_000_000 // len(wave))

@@ -107,8 +107,8 @@ class Ledger:
         if tuple(first) != COLUMNS:
             raise UsageError(f'{self.path}: is not of an earlier run, and the summary would take its place; move it '
                              'away, or choose another --output')
-        folders = {console.in_one_line(path.name): path.name for path in self.path.parent.iterdir() if path.is_dir()}
-        found = [(folders.get(console.in_one_line(row[0])), row) for row in rows if len(row) == len(COLUMNS)]
+        folders = {_cell(path.name): path.name for path in self.path.parent.iterdir() if path.is_dir()}
+        found = [(folders.get(_cell(row[0])), row) for row in rows if len(row) == len(COLUMNS)]
         return {name: row for name, row in found if name}
 
     def _identity(self, name: str) -> tuple[int, int] | None:
@@ -148,7 +148,13 @@ def _row(name: str, outcome: Outcome) -> Sequence[object]:
     edges = '' if outcome.edges is None else outcome.edges
     seconds = '' if math.isnan(outcome.seconds) else f'{outcome.seconds:.1f}'
     cells = name, end_of(outcome), codes, edges, area, outcome.pings_used, seconds, ' '.join(outcome.error.split())
-    return [console.in_one_line(cell) for cell in cells]
+    return [_cell(cell) for cell in cells]
+
+
+def _cell(value: object) -> str:
+    """A cell's text; a name that a spreadsheet would take for a formula is written as the same path."""
+    text = console.in_one_line(value)
+    return f'./{text}' if text.startswith(('=', '+', '-', '@')) else text
 
 
 def _csv(rows: Sequence[Sequence[object]]) -> bytes:

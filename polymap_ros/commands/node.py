@@ -1,6 +1,5 @@
 """polymap_node: the live mapping node."""
 
-import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -33,9 +32,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(command_line: list[str]) -> int:
     require_ros()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # until rclpy takes over
-    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup
-        signal.signal(signal.SIGHUP, lambda number, frame: os.kill(os.getpid(), signal.SIGTERM))
+    for number in (signal.SIGTERM, signal.SIGHUP):  # until the node spins
+        if signal.getsignal(number) is signal.SIG_DFL:  # as SIGHUP is not under nohup
+            signal.signal(number, signal.default_int_handler)
     try:
         from polymap_ros.node.running import run
 

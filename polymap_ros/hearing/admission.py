@@ -20,6 +20,9 @@ MAX_STEPS = 1 << 22
 MOST_GAIN_DB = 300.0
 """No device undoes more; beyond, the samples of a ping would be no numbers any longer."""
 
+_UNDERSAMPLED, _FASTER = 2.0, '; sample faster: eight samples a cycle are good, four are enough'
+"""Cycles of the pulse in a sample period up to which the recorder is likelier too slow than the period wrong."""
+
 _FEWEST_PER_CYCLE = 2.0
 """Samples of a cycle of the pulse, below which it is not to be told."""
 
@@ -77,8 +80,9 @@ class Admission:
             raise BadPing('bad_shape', f'sample period {period_s:g} s from {t0_s:g} s; allowed: finite, period above 0')
         frequency_hz = self._parameters.pulse.frequency_hz
         if self._parameters.echo.kind == 'rf' and not period_s * frequency_hz < 0.5:
+            hint = self._likely_unit(ping) if period_s * frequency_hz > _UNDERSAMPLED else _FASTER
             raise BadPing('bad_shape', f'a sample period of {period_s:g} s cannot hold a pulse of {frequency_hz:g} Hz'
-                                       f'{self._likely_unit(ping)}')
+                                       f'{hint}')
         own_s = self._pulse_period_s
         if own_s and not same_period(period_s, own_s):
             raise BadPing('bad_shape', f'pulse.path is sampled at {1.0 / own_s:g} Hz, the echoes at {1.0 / period_s:g} '
@@ -152,6 +156,18 @@ class Admission:
     def blanked_s(self, ping: Ping) -> float:
         """Return when an echo from the end of the blanking begins, after emission [s]."""
         return 2.0 * self.blanking_m(ping) / self._speed_m_s
+
+
+def check_length(pulse: Pulse, period_s: float, listened_s: float) -> None:
+    """Raise `ParameterError` if a recorded pulse is longer than pings are listened to [s].
+
+    Where its sample period is not known yet (0), only if that can be no pulse whatever the period is.
+    """
+    most_s = listened_s if period_s else _MOST_REACH * listened_s
+    if pulse.duration_s > most_s:
+        lasts = f'it lasts {pulse.duration_s:.3g} s' if period_s else f'{pulse!r}'
+        raise ParameterError('pulse.path', f'{lasts}, and pings are listened to for {listened_s:.3g} s '
+                             '(grid.range_max_m); cut it to the pulse alone')
 
 
 def check_band(parameters: Parameters, pulse: Pulse) -> None:

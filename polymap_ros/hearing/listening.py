@@ -19,7 +19,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import RecordedPulse, make_pulse
 from polymap_ros.acoustics.ranging import closest_range, confidence, first_echo
 from polymap_ros.errors import BadPing, ParameterError
-from polymap_ros.hearing.admission import Admission, check_band
+from polymap_ros.hearing.admission import Admission, check_band, check_length
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.signals import Signals
 from polymap_ros.map_parameters import MOST_RANGES
@@ -97,6 +97,8 @@ class Listener:
             parameters.pulse, recorded_pulse, self.recorded_period_s or 0.125 / parameters.pulse.frequency_hz)
         self._medium = make_medium(parameters.medium)
         self._speed_m_s = float(group_speed(self._medium, parameters.pulse.frequency_hz))
+        if is_recorded:
+            check_length(self.pulse, self.recorded_period_s, float(ranges_m[-1]) / (0.5 * self._speed_m_s))
         step_m = self._step_m
         if parameters.echo.kind == 'rf':
             step_m = sampling_step(self._medium, self.pulse, parameters.pulse.frequency_hz)

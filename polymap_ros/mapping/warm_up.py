@@ -1,5 +1,7 @@
 """Compile before the first message what is compiled on first use."""
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -19,12 +21,18 @@ def warm_up(parameters: Parameters, recorded_pulse: RecordedPulse | ArrayLike | 
     """
     if parameters.localises:  # the same kernels, without a map
         parameters = parameters.replaced({'slam.mode': 'auto'})
-    mapper = PolygonMapper(parameters, recorded_pulse)
     speed_m_s = float(group_speed(make_medium(parameters.medium), parameters.pulse.frequency_hz))
     reach_m, period_s = parameters.grid.range_max_m, 0.125 / parameters.pulse.frequency_hz
     if parameters.pulse.kind == 'file':  # of which all pings have the sample period
         own_s = recorded_pulse.period_s if isinstance(recorded_pulse, RecordedPulse) else 0.0
         period_s = own_s or parameters.echo.sample_period_s or period_s
+        if not isinstance(recorded_pulse, RecordedPulse):
+            recorded_pulse = RecordedPulse(np.asarray(recorded_pulse))
+        # Where its period is not known yet, it may be too long for this one, and right for that of the pings.
+        if not (own_s or parameters.echo.sample_period_s):
+            fits = recorded_pulse.recorded[:int(reach_m / speed_m_s / period_s)]
+            recorded_pulse = dataclasses.replace(recorded_pulse, recorded=fits)
+    mapper = PolygonMapper(parameters, recorded_pulse)
     pulse = make_pulse(parameters.pulse, recorded_pulse, period_s)
     least = int(pulse.duration_s / period_s)
     samples = np.random.default_rng(0).normal(size=least + int(4.0 * reach_m / speed_m_s / period_s) + 64)

@@ -71,6 +71,8 @@ class Figures:
         Further figures to be shown.
     starting : str
         What the start does, and for how long; empty when it is over.
+    crowds : tuple of str
+        Inputs on which several publish, in words.
     """
 
     odometry: InputFigures
@@ -82,6 +84,7 @@ class Figures:
     problems: tuple[str, ...] = ()
     timings: Mapping[str, str] = field(default_factory=dict)
     starting: str = ''
+    crowds: tuple[str, ...] = ()
 
 
 class State(NamedTuple):
@@ -154,6 +157,7 @@ def _findings(figures: Figures, new: Counter[str]) -> Iterator[tuple[int, str]]:
         yield OK, 'paused'
         return
     odometry, echoes, mapper = figures.odometry, figures.echoes, figures.mapper
+    yield from ((ERROR, crowd) for crowd in figures.crowds)
     for each in (odometry, echoes):
         if each.silence:
             yield (ERROR if each.silence.startswith(('wrong type', 'incompatible')) else WARN), each.silence

@@ -70,7 +70,13 @@ class Diagnostics:
         parts, solving = self._parts, self._parts.solving
         return Figures(_figures_of(parts.odometry), _figures_of(parts.echoes), parts.mapper, solving.paused,
                        solving.behind, solving.pace(), (solving.problem, parts.saver.problem), timings,
-                       parts.start.state)
+                       parts.start.state, self._crowds())
+
+    def _crowds(self) -> tuple[str, ...]:
+        """Inputs on which several publish; where sensors have frames of their own, several may send echoes."""
+        parts = self._parts
+        alone = (parts.odometry,) if parts.mapper.parameters.sensor.from_tf else (parts.odometry, parts.echoes)
+        return tuple(filter(None, (each.crowd() for each in alone)))
 
     def _timings(self) -> dict[str, str]:
         parts = self._parts

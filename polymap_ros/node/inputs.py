@@ -16,6 +16,9 @@ from polymap_ros.node.factory import message_class
 from polymap_ros.node.qos import overridable, sensor_input
 from polymap_ros.node.stopwatch import Stopwatch
 
+_SHOWN = 3
+"""Topics or nodes of which so many are told."""
+
 
 class Input:
     """A subscription that counts and can say why nothing comes.
@@ -54,7 +57,7 @@ class Input:
         self.type_name = type_name
         self.received = self.refused = self.lost = self.incompatible = 0
         self.refusal = ''
-        self._node = node
+        self._node, self._name = node, topic
         self._take = take
         self._newest_s = time.monotonic()
         events = SubscriptionEventCallbacks(incompatible_qos=self._incompatible, message_lost=self._lost)
@@ -83,7 +86,10 @@ class Input:
         """Say in words why nothing comes."""
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         if not publishers:
-            return f'no publisher on {self.topic}'
+            others = [name for name, types in self._node.get_topic_names_and_types()
+                      if self.type_name in types and self._node.count_publishers(name)]
+            found = f'; {self.type_name} is published on {", ".join(others[:_SHOWN])}' if others else ''
+            return f'no publisher on {self.topic}{found}{f": remap it ({self._remap(others[0])})" if others else ""}'
         alike = [each for each in publishers if each.topic_type == self.type_name]
         if not alike:
             found = ', '.join(sorted({each.topic_type for each in publishers}))
@@ -94,6 +100,18 @@ class Input:
                 text = why.replace('ERROR:', '').strip().rstrip(';').lower()
                 return f'incompatible QoS on {self.topic}: {text}; {self._remedy}'
         return f'{self.topic} has a publisher, but no message {"came" if self.received == 0 else "comes any more"}'
+
+    def crowd(self) -> str:
+        """Say in words that several publish on the topic, whose messages are mixed; empty where none or one does."""
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        if len(publishers) < 2:
+            return ''
+        names = sorted({f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in publishers})
+        return (f'{len(publishers)} publishers on {self.topic} ({", ".join(names[:_SHOWN])}), whose messages are '
+                'mixed: stop all but one')
+
+    def _remap(self, found: str) -> str:
+        return f'--ros-args -r {self._name}:={found}'
 
     @property
     def _remedy(self) -> str:

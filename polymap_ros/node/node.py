@@ -131,6 +131,11 @@ class PolymapNode(Node):  # type: ignore[misc]
         self._go_on()
         self.get_logger().info(f'ready: odometry on {self._odometry.topic}, echoes on {self._echoes.topic}')
 
+    @property
+    def answering(self) -> bool:
+        """Whether a client waits for a save."""
+        return self._saver.answering
+
     def close(self) -> None:
         """Drop what is being solved and finish what is being written; to be called after the last callback."""
         self._start.close()

@@ -23,6 +23,7 @@ from polymap_ros.errors import OutputError, PolymapError, in_words
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
+from polymap_ros.paths import working_folder
 from polymap_ros.result_parameters import OutputParameters
 from polymap_ros.results.folder import STATE, Unwritten, write_results
 from polymap_ros.results.save import answer, map_cautions, map_files
@@ -85,6 +86,8 @@ class Saver:
         self, node: Node, mapper: PolygonMapper, parameters: Callable[[], Parameters], stopwatch: Stopwatch
     ) -> None:
         self.saved = self.problem = ''
+        self._asked = 0  # saves that a client waits for
+        self._home = working_folder()  # output.dir is relative to it, even where it is removed meanwhile
         self._node = node
         self._mapper = mapper
         self._parameters = parameters
@@ -102,9 +105,9 @@ class Saver:
     def _check(self, output: OutputParameters) -> None:
         """Say at the start what a save would find out; the node goes on, as a disk may come later."""
         try:
-            check_writable(Path(os.path.realpath(output.dir)))
-        except OutputError as error:
-            problem = f'nothing can be saved (output.dir): {error}'
+            check_writable(Path(os.path.realpath(self._home / output.dir)))
+        except (OutputError, OSError) as error:
+            problem = f'nothing can be saved (output.dir): {in_words(error)}'
             self._node.get_logger().error(problem)
             self.problem = problem if output.autosave_s > 0.0 else ''
 
@@ -119,6 +122,11 @@ class Saver:
             self._automatic_s = time.monotonic()
             self._automatic = self._content(), self._start()
 
+    @property
+    def answering(self) -> bool:
+        """Whether a client waits for a save."""
+        return self._asked > 0
+
     def begin_anew(self) -> None:
         """The map is reset: what was saved of it stays, and the next one is saved beside it."""
         self._maps += 1
@@ -127,9 +135,13 @@ class Saver:
     def close(self) -> None:
         """Let a running save finish, and save a last time where automatic saves are on."""
         self._finish_automatic()
-        if self._parameters().output.autosave_s > 0.0 and self._is_new():
-            self._automatic = self._content(), self._start()
-            self._finish_automatic()
+        output = self._parameters().output
+        if output.autosave_s > 0.0 and self._is_new():
+            self._node.get_logger().info(f'saving the map to {self._home / output.dir}: wait for it')
+            saved = self._note(self._start(), self._node.get_logger().error)
+            if saved is not None:
+                self._keep(saved)
+                self._node.get_logger().info(f'saved: {saved.folder}')
         self._writer.shutdown()
 
     def _content(self) -> 'Content':
@@ -147,7 +159,7 @@ class Saver:
         waiting = f': {mapper.counts.waiting} pings wait for the end of the start' if mapper.intake.held else ''
         estimate = mapper.estimate or Estimate('open', parameters.solver.method, cautions=(
             Caution('no_answer', f'nothing has been solved yet{waiting}'),))
-        return self._writer.submit(write, mapper.twin(), estimate, parameters)
+        return self._writer.submit(write, mapper.twin(), estimate, parameters, self._home)
 
     def _finish_automatic(self) -> None:
         """Of each map keep the newest automatic save, and older ones only where they have files that it lacks."""
@@ -160,10 +172,13 @@ class Saver:
         if saved.whole:
             self._saved = content
         if content.map == self._maps:
-            for older in self._kept:
-                if saved.missing <= older.missing:
-                    self._writer.submit(discard, older.folder)
-            self._kept = [*(older for older in self._kept if not saved.missing <= older.missing), saved]
+            self._keep(saved)
+
+    def _keep(self, saved: Saved) -> None:
+        for older in self._kept:
+            if saved.missing <= older.missing:
+                self._writer.submit(discard, older.folder)
+        self._kept = [*(older for older in self._kept if not saved.missing <= older.missing), saved]
 
     def _complain(self, text: str) -> None:
         """Log the trouble of automatic saves, which comes again with each of them."""
@@ -187,8 +202,17 @@ class Saver:
         future = self._start()
         executor = self._node.executor
         written = RosFuture(executor=executor)
-        future.add_done_callback(lambda _: executor.create_task(partial(written.set_result, None)))
-        await written
+        self._asked += 1
+
+        def answer_now(_: Future[Saved]) -> None:
+            with suppress(AttributeError):  # the executor has ended, and the client waits no longer
+                executor.create_task(partial(written.set_result, None))
+
+        future.add_done_callback(answer_now)
+        try:
+            await written
+        finally:
+            self._asked -= 1
         saved = self._note(future, self._node.get_logger().error)
         if not self.problem:
             self._node.get_logger().info(f'saved: {self.saved}')
@@ -197,15 +221,15 @@ class Saver:
         return response
 
 
-def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters) -> Saved:
-    """Write a twin of the mapper as a whole folder that did not exist before.
+def write(mapper: PolygonMapper, estimate: Estimate, parameters: Parameters, home: Path = Path()) -> Saved:
+    """Write a twin of the mapper as a whole folder that did not exist before; `output.dir` may be relative to `home`.
 
     Raises
     ------
     OutputError
         Where not even the answer can be written.
     """
-    parent = Path(os.path.realpath(parameters.output.dir))
+    parent = Path(os.path.realpath(home / parameters.output.dir))
     files = answer(mapper, estimate, parameters, map_cautions(estimate, parameters))
     try:
         with staging(parent / 'save') as stage:

@@ -95,3 +95,11 @@ def test_make_pulse_takes_every_parameter():
 def test_useless_recorded_pulse_is_refused(recorded):
     with pytest.raises(ParameterError, match=r'pulse\.path'):
         make_pulse(PulseParameters(kind='file', path='s.npy'), recorded, 1e-6)
+
+
+def test_a_long_wave_has_the_spectrum_of_its_sum():
+    samples = np.random.default_rng(4).normal(size=3000)
+    omega = 2.0 * np.pi * np.linspace(0.0, 4.5e5, 257)
+    expected = 1e-6 * np.exp(-1j * np.outer(omega, np.arange(3000) * 1e-6)) @ samples
+    found = RecordedPulse(samples, 1e-6).spectrum(omega)
+    assert np.abs(found - expected).max() < 1e-9 * np.abs(expected).max()

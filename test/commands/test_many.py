@@ -111,6 +111,14 @@ def test_a_name_takes_one_line_whatever_is_in_it(tmp_path, capsys):
     assert capsys.readouterr().out.count('\n') == 1
 
 
+def test_no_name_is_a_formula(tmp_path):
+    (tmp_path / '=1+1').mkdir()
+    for _ in range(2):  # and is found again
+        Ledger(tmp_path, {tmp_path / 'a.mcap': 'a'}).tell()
+        Ledger(tmp_path, {tmp_path / '=1+1.mcap': '=1+1'}).add(outcome(tmp_path / '=1+1.mcap'))
+        assert [row['name'] for row in rows(tmp_path / 'summary.csv')] == ['./=1+1']
+
+
 def test_an_answer_that_was_there_when_it_was_interrupted_has_a_row(call, triangle, tmp_path, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt

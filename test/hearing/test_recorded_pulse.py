@@ -5,10 +5,11 @@ import pytest
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import RecordedPulse
-from polymap_ros.errors import BadPing
+from polymap_ros.errors import BadPing, ParameterError
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.hearing.listening import Listener
 from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.maps.beamforming import BeamformingMap
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
@@ -72,6 +73,19 @@ def test_two_rates_are_refused_by_name():
     assert bad.value.reason == 'bad_shape'
     with pytest.raises(BadPing, match=r'pulse\.path is sampled at 1e\+06 Hz'):
         listener(1e-6).at(1e-6).admission.check(ping(1.25e-6))
+
+
+def test_a_whole_recording_is_no_pulse():
+    """Told before anything is done with it, or where its period is that of the pings, at the first of them."""
+    whole = np.random.default_rng(3).normal(size=10_000)
+    r_m = BeamformingMap(Parameters().grid).r_m
+    of_file = Parameters.of(pulse={'kind': 'file', 'path': 'p.npy'})
+    with pytest.raises(ParameterError, match=r'pulse\.path: it lasts 0\.01 s, and pings are listened to for 0\.00'):
+        Listener(of_file, r_m, RecordedPulse(whole, 1e-6))
+    with pytest.raises(BadPing, match=r'pulse\.path: it lasts 0\.01 s.*cut it to the pulse alone'):
+        Listener(of_file, r_m, whole).at(1e-6)
+    with pytest.raises(ParameterError, match=r'pulse\.path: RecordedPulse\(1000000 samples'):
+        Listener(of_file, r_m, np.tile(whole, 100))
 
 
 def fed(scene, pulse, **changes):

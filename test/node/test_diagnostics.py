@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import odometry_message
-from polymap_ros.node.factory import make
+from polymap_ros.node.factory import make, message_class
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
 
@@ -46,6 +46,24 @@ def test_queue_overflow_and_missing_odometry(peer, start, riding):
     node.wait_for_line('/odom has a publisher, but no message comes any more')
     peer.node.destroy_publisher(ride.odometry)
     says(peer, values, 'no publisher on /odom')
+
+
+def test_a_topic_of_another_name_is_found_by_its_type(peer, start):
+    peer.node.create_publisher(message_class('sensor_msgs/msg/LaserScan'), '/echo', 10)
+    node = start('--ros-args', '-r', 'echo:=/sonar/echo')
+    says(peer, peer.diagnostics(), 'no publisher on /sonar/echo; sensor_msgs/msg/LaserScan is published on /echo: '
+         'remap it (--ros-args -r echo:=/echo)')
+    node.wait_for_line('no publisher on /sonar/echo')
+
+
+def test_two_publishers_on_one_input_are_told_as_the_cause(peer, start):
+    _, other = (peer.node.create_publisher(message_class('nav_msgs/msg/Odometry'), '/odom', 10) for _ in range(2))
+    start('--ros-args', *RELIABLE)
+    values = peer.diagnostics()
+    found = says(peer, values, '2 publishers on /odom (/peer), whose messages are mixed: stop all but one')
+    assert found['level'] == '2'
+    peer.node.destroy_publisher(other)
+    peer.spin_until(lambda: 'publishers on' not in values()['message'], 'the end of it')
 
 
 def test_pings_older_than_the_odometry_and_within_its_gaps(peer, start, riding):

@@ -221,7 +221,80 @@ def test_a_last_save_with_room_for_the_polygon_alone_stays_beside_the_whole_one_
     node.wait_for_line('state.npz: not written: ')
     assert node.stop(signal.SIGTERM) == 0
     folders = sorted(results(tmp_path), key=lambda folder: int(folder.name.partition('-')[0]))
-    older, newest = ({path.name for path in folder.iterdir()} for folder in folders)
+    # What lies between has files that the newest lacks.
+    older, *_, newest = ({path.name for path in folder.iterdir()} for folder in folders)
     assert {'polygon.json', 'state.npz', 'trajectory.tum'} <= older
     assert 'polygon.json' in newest
     assert 'state.npz' not in newest
+
+
+SLOW_DISK = """import os, time
+whole = os.fsync
+os.fsync = lambda descriptor: (time.sleep(0.2), whole(descriptor))
+"""
+
+
+def test_signals_while_the_map_is_saved_at_the_end_do_not_cut_it_short(peer, start, tmp_path, riding, monkeypatch):
+    """A disk that takes its time, an impatient user, and a launch file that goes on to SIGTERM."""
+    (tmp_path / 'slow').mkdir()
+    (tmp_path / 'slow' / 'sitecustomize.py').write_text(SLOW_DISK)
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join((str(tmp_path / 'slow'), os.environ.get('PYTHONPATH', ''))))
+    saves = tmp_path / 'saves'
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={saves}', '-p', 'output.autosave_s:=1000.0')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 8)
+    peer.until_used(values, 8)
+    os.killpg(node.popen.pid, signal.SIGINT)
+    node.wait_for_line(f'saving the map to {saves}: wait for it')
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+        os.killpg(node.popen.pid, number)
+    assert node.end() == 0
+    folder, = results(saves)
+    assert_whole(folder)
+    assert f'saved: {folder}' in '\n'.join(node.lines)
+    assert not any('Traceback' in line or 'Exception' in line for line in node.lines)
+
+
+def test_a_client_has_its_answer_though_the_node_ends_meanwhile(peer, start, tmp_path, riding, monkeypatch):
+    (tmp_path / 'slow').mkdir()
+    (tmp_path / 'slow' / 'sitecustomize.py').write_text(SLOW_DISK)
+    monkeypatch.setenv('PYTHONPATH', os.pathsep.join((str(tmp_path / 'slow'), os.environ.get('PYTHONPATH', ''))))
+    saves = tmp_path / 'saves'
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={saves}')
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 8)
+    peer.until_used(values, 8)
+    client = peer.node.create_client(message_class(TRIGGER), '/polymap_node/save')
+    peer.spin_until(client.service_is_ready, 'no service')
+    answer = client.call_async(message_class(TRIGGER).Request())
+    peer.spin_until(lambda: saves.exists() and any(path.name.startswith('.') for path in saves.iterdir()), 'the save')
+    os.killpg(node.popen.pid, signal.SIGINT)
+    peer.spin_until(answer.done, 'the answer')
+    assert answer.result().success
+    assert node.end() == 0
+    assert answer.result().message in map(str, results(saves))
+
+
+def test_results_land_where_the_node_was_started_though_that_folder_was_removed(
+        peer, start, tmp_path, riding, monkeypatch):
+    (tmp_path / 'gone').mkdir()
+    monkeypatch.chdir(tmp_path / 'gone')
+    node = start('--ros-args', *RELIABLE, '-p', 'output.dir:=maps', '-p', 'output.autosave_s:=1000.0')
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'gone').rmdir()
+    values, ride = peer.diagnostics(), riding()
+    ride.publish(0, 5)
+    peer.until_used(values, 5)
+    assert node.stop() == 0
+    assert_whole(*results(tmp_path / 'gone' / 'maps'))
+
+
+def test_a_last_save_that_fails_is_told_even_if_the_one_before_it_just_was(peer, start, tmp_path, riding):
+    node = start('--ros-args', *RELIABLE, '-p', f'output.dir:={tmp_path / "maps"}', '-p', 'output.autosave_s:=0.2')
+    (tmp_path / 'maps').write_text('a file')
+    riding().publish(0, 5)
+    node.wait_for_line('cannot save: ')
+    os.killpg(node.popen.pid, signal.SIGINT)
+    node.wait_for_line('saving the map to ')
+    node.wait_for_line('cannot save: ')
+    assert node.end() == 0

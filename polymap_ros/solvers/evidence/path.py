@@ -19,6 +19,9 @@ from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
+_TOLD_M, _TOLD_RAD = 5e-5, np.deg2rad(0.05)
+"""An odometry that is off by less is told as right: it would read as 0.0 mm and 0.0 deg."""
+
 
 class Known(NamedTuple):
     """Covariances, given the frame: of r and theta of each wall (2 n, 2 n), and of each pose (m, 3, 3)."""
@@ -62,8 +65,9 @@ def path_cautions(path: Trajectory, chain: Chain) -> list[Caution]:
     """What has to be told of a path that is found with the walls."""
     off, way_m = path.map_to_odom, float(chain.driven_m[-1] - chain.driven_m[0])
     away = path.poses[-1, :2] - path.reported[-1, :2]
-    return [wording.odometry_drift(float(np.hypot(*away)), float(wrapped(off.yaw)), way_m),
-            *steps_and_losses(path, chain)]
+    away_m, turned_rad = float(np.hypot(*away)), float(wrapped(off.yaw))
+    drifts = away_m > _TOLD_M or abs(turned_rad) > _TOLD_RAD
+    return [*([wording.odometry_drift(away_m, turned_rad, way_m)] if drifts else []), *steps_and_losses(path, chain)]
 
 
 def steps_and_losses(path: Trajectory, chain: Chain) -> list[Caution]:
