@@ -208,6 +208,16 @@ def test_no_two_classes_have_one_name():
     assert {name: sorted(files) for name, files in named(ast.ClassDef).items() if len(files) > 1} == {}
 
 
+def test_no_two_public_functions_have_one_name():
+    """But for the entry points, and for what makes messages: of rclpy and of rosbags."""
+    names = {}
+    for path in FILES:
+        for node in tree(path).body:
+            if isinstance(node, ast.FunctionDef) and not node.name.startswith('_'):
+                names.setdefault(node.name, []).append(where(path))
+    assert {name: files for name, files in names.items() if len(files) > 1 and name not in ('main', 'make')} == {}
+
+
 def test_in_the_rooms_of_the_method_a_constant_has_one_value():
     """Elsewhere a name may be a module's own; what decides about walls is known by one name and one number."""
     inside = {name: {file: value for file, value in places.items() if file.partition('/')[0] in PURE}

@@ -60,7 +60,7 @@ def _changed(session: Session, fit: Fit) -> int:
 def warning(session: Session, fit: Fit) -> Caution:
     """What the user has to know of a diagnosis."""
     code, finding, remedy = _TEXTS[next(iter(fit.values)).partition('.')[0]]
-    finding = finding.format(found=in_words(fit))
+    finding = finding.format(found=fit_in_words(fit))
     given = session.parameters
     if 'medium.speed_m_s' in fit.values:
         scale = given.odometry.scale * fit.values['medium.speed_m_s'] / given.medium.speed_m_s
@@ -71,7 +71,7 @@ def warning(session: Session, fit: Fit) -> Caution:
     return Caution(code, finding, remedy.format(next=' '.join(overrides(fit))))
 
 
-def in_words(fit: Fit) -> str:
+def fit_in_words(fit: Fit) -> str:
     """What was found, with one standard deviation each."""
     return ' and '.join(f'{name} {value:.6g} +- {fit.deviations[name]:.2g}' for name, value in fit.values.items())
 

@@ -44,7 +44,7 @@ def line_focus(data: EchoData, strength: float) -> float:
     return float(np.sqrt(np.sum(evidence**2)))
 
 
-def feet_of(lines: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.bool_]:
+def feet_heard(lines: NDArray[np.float64], positions: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Whether the perpendicular foot of position i is well on edge k of the polygon of `lines`, shape (n, N)."""
     _, corners = corners_of(lines)
     along = np.roll(corners, -1, axis=0) - corners

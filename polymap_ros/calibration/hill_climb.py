@@ -61,7 +61,7 @@ def ascend(
     return at
 
 
-def climb(
+def highest(
     function: Callable[[NDArray[np.float64], T], tuple[float, T]], start: NDArray[np.float64], found: T,
     step: NDArray[np.float64],
 ) -> Peak[T]:

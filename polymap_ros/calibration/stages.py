@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.calibration.families import Family
-from polymap_ros.calibration.focus import echo_strength, feet_of, line_focus, wave_focus
-from polymap_ros.calibration.hill_climb import Peak, ascend, climb
+from polymap_ros.calibration.focus import echo_strength, feet_heard, line_focus, wave_focus
+from polymap_ros.calibration.hill_climb import Peak, ascend, highest
 from polymap_ros.calibration.session import Session
 from polymap_ros.errors import ParameterError
 from polymap_ros.parameters import Parameters
@@ -167,7 +167,7 @@ def _in_phase(
 ) -> list[NDArray[np.float64]]:
     """The sharpest points with phase about p, the best first."""
     data = search.data
-    feet = feet_of(lines, data.positions)
+    feet = feet_heard(lines, data.positions)
 
     def focus(q: NDArray[np.float64]) -> float:
         session.checkpoint()
@@ -238,7 +238,7 @@ def _climbed(
         refined = WaveformLikelihood(search.data).refine(near[1].with_walls(walls), FULL_ORDER)
         return (-np.inf, near) if refined is None else (refined.value, (at, refined))
 
-    return climb(function, q, (q, wave), family.fine)
+    return highest(function, q, (q, wave), family.fine)
 
 
 def _concluded(

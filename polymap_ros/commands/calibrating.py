@@ -32,7 +32,7 @@ def heard_directly(session: 'Session') -> 'Caution':
 
 def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
     """What the user has to know about it."""
-    from polymap_ros.calibration.diagnosis import in_words, overrides
+    from polymap_ros.calibration.diagnosis import fit_in_words, overrides
     from polymap_ros.calibration.stages import Refusal
     from polymap_ros.cautions import Caution
 
@@ -40,7 +40,7 @@ def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
         return Caution('not_calibrated', f'the map is made with what was given, since nothing better was found: '
                                          f'{result.reason}', result.remedy)
     given = ', '.join(f'{session.parameters[name]:g}' for name in result.values)
-    return Caution('calibrated', f'the map is made with {in_words(result)} (one standard deviation), not {given}',
+    return Caution('calibrated', f'the map is made with {fit_in_words(result)} (one standard deviation), not {given}',
                    f'next time: {" ".join(overrides(result))}, or --params-file calibration.yaml')
 
 

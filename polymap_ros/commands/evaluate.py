@@ -134,7 +134,7 @@ def _calibration(arguments: argparse.Namespace) -> int:
 
 
 def _slam(arguments: argparse.Namespace) -> int:
-    from polymap_ros.evaluation.slam_experiment import CASES, SlamExperiment, failures, slam_table
+    from polymap_ros.evaluation.slam_experiment import CASES, SlamExperiment, path_failures, slam_table
 
     cases = _kinds(arguments, CASES)
     parameters, _, seeds, edges = _scenes(arguments)
@@ -142,7 +142,7 @@ def _slam(arguments: argparse.Namespace) -> int:
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (
         cases.index(entry.case), entry.trial.seed, entry.trial.edges))
-    text = f'{slam_table(trials)}\n\nNot right, by edges-seed:\n\n{failures(trials)}'
+    text = f'{slam_table(trials)}\n\nNot right, by edges-seed:\n\n{path_failures(trials)}'
     _write(arguments.output, trials, text, {})
     return console.DONE
 

@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 from polymap_ros.commands import console
 from polymap_ros.commands.mapped import calibrated
-from polymap_ros.commands.replaying import PROGRAM, Outcome, attempt
+from polymap_ros.commands.replaying import PROGRAM, Outcome, replayed
 from polymap_ros.errors import RecordingError, UsageError
 from polymap_ros.parameters import Parameters
 
@@ -171,7 +171,7 @@ def _replay_all(
     if not arguments.scheduler and processes == 1:
         outcomes = []
         for job in jobs:
-            outcomes.append(attempt(*job))
+            outcomes.append(replayed(*job))
             note(outcomes[-1])
         return outcomes
     from polymap_ros.commands.fleet import run_all
@@ -179,7 +179,7 @@ def _replay_all(
     def lost(recording: Path, folder: Path, _: Parameters, __: argparse.Namespace, error: str) -> Outcome:
         return Outcome(recording, folder, console.WRONG, error=error)
 
-    return run_all(PROGRAM, attempt, jobs, processes, arguments.scheduler, lost, note)
+    return run_all(PROGRAM, replayed, jobs, processes, arguments.scheduler, lost, note)
 
 
 def _anywhere(parameters: Parameters, folders: dict[Path, Path]) -> tuple[Parameters, dict[Path, Path]]:

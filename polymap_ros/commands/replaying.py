@@ -65,7 +65,7 @@ class Outcome:
     error: str = ''
 
 
-def attempt(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> Outcome:
+def replayed(path: Path, folder: Path, parameters: Parameters, arguments: argparse.Namespace) -> Outcome:
     """Replay one recording; whatever goes wrong is one line on stderr and an outcome."""
     began_s = time.monotonic()
     try:

@@ -188,7 +188,7 @@ def slam_table(trials: Sequence[SlamTrial]) -> str:
     return markdown(header, rows)
 
 
-def failures(trials: Sequence[SlamTrial]) -> str:
+def path_failures(trials: Sequence[SlamTrial]) -> str:
     """The scenes that are not right, as edges-seed with their status and cautions."""
     lines = [f'- {entry.case} {entry.trial.edges}-{entry.trial.seed}: '
              f'{", ".join((entry.trial.status, *entry.trial.cautions))}'

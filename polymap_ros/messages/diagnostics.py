@@ -11,7 +11,7 @@ from polymap_ros.cautions import causes
 from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.plane import XY
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.messages.markers import summary
+from polymap_ros.messages.markers import answer_line
 from polymap_ros.messages.outputs import Make, coarse_polygon, header
 
 OK, WARN, ERROR = 0, 1, 2
@@ -190,7 +190,7 @@ def _findings(figures: Figures, new: Counter[str]) -> Iterator[tuple[int, str]]:
         coarse = coarse_polygon(estimate.polygon, mapper.plane or XY)
         yield from ((WARN, caution.text) for caution in (coarse,) if caution)
     first = estimate is None and counts.used > 0
-    yield OK, f'{counts.used} pings; the first solve is to come' if first else summary(estimate)
+    yield OK, f'{counts.used} pings; the first solve is to come' if first else answer_line(estimate)
 
 
 def _drops(texts: Mapping[str, str], new: Counter[str]) -> Iterator[tuple[int, str]]:

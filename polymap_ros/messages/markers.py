@@ -111,13 +111,13 @@ def marker_array_message(make: Make, drawing: Drawing) -> Any:
         for name, kind, points, color, share in shapes if len(points) > 1
     ]
     markers.append(_marker(
-        make, drawing.frame_id, 'text', TEXT, color=OUTLINE, width=0.03 * size, text=summary(drawing.estimate),
+        make, drawing.frame_id, 'text', TEXT, color=OUTLINE, width=0.03 * size, text=answer_line(drawing.estimate),
         pose=pose_message(make, Pose(float(low[0] + high[0]) / 2, float(high[1]) + 0.08 * size), drawing.plane),
     ))
     return make('visualization_msgs/msg/MarkerArray', markers=markers)
 
 
-def summary(estimate: Estimate | None) -> str:
+def answer_line(estimate: Estimate | None) -> str:
     """One line about the answer, such as ``closed: 5 edges, cost 0.012, IoU with free area 0.953``."""
     if estimate is None:
         return 'waiting for echoes'

@@ -12,7 +12,7 @@ from polymap_ros.node.qos import played
 TOPICS = {'odom': 'nav_msgs/msg/Odometry', 'echo': 'sensor_msgs/msg/LaserScan'}
 
 
-def run() -> None:
+def run_reference() -> None:
     """Receive until a signal comes."""
     rclpy.init(args=sys.argv)
     node = Node('polymap_reference')
@@ -33,4 +33,4 @@ def run() -> None:
 
 
 if __name__ == '__main__':
-    run()
+    run_reference()

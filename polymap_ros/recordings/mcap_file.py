@@ -29,8 +29,8 @@ from polymap_ros.recordings.mcap_records import (
     RECORD,
     SCHEMA,
     STATISTICS,
+    records_in,
     records_of,
-    unpacked,
 )
 from polymap_ros.recordings.storage import MOST_BYTES, MOST_NS, Channel, RawMessage, full_type_name, why_left_out
 
@@ -245,7 +245,7 @@ class McapFile:
         """Log time, channel and bytes of every message of a piece; nothing, and a fault, where it is damaged."""
         try:
             content = self._bytes(piece.offset, piece.length)
-            records = records_of(unpacked(content)) if piece.is_chunk else [(MESSAGE, content)]
+            records = records_of(records_in(content)) if piece.is_chunk else [(MESSAGE, content)]
             found = []
             for opcode, record in records:
                 if opcode == MESSAGE:

@@ -39,7 +39,7 @@ def records_of(content: bytes) -> Iterator[tuple[int, bytes]]:
         yield opcode, content[start:offset]
 
 
-def unpacked(chunk: bytes) -> bytes:
+def records_in(chunk: bytes) -> bytes:
     """The content of a chunk, of the promised size and with the promised checksum.
 
     Raises

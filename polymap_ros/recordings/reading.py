@@ -16,7 +16,7 @@ from polymap_ros.recordings.definitions import Definitions
 from polymap_ros.recordings.layout import layout_of
 from polymap_ros.recordings.metadata import NAME, Metadata
 from polymap_ros.recordings.opening import Parts, open_parts
-from polymap_ros.recordings.sniff import kind_of_bytes, shown
+from polymap_ros.recordings.sniff import bytes_shown, kind_of_bytes
 from polymap_ros.recordings.storage import MOST_NS, Channel
 
 _FOREVER_S = 1e9
@@ -255,7 +255,7 @@ class Recording:
         if form := self._form_of(topic):
             return f'{reason}: {form}'
         if head[:1] != b'\0':
-            reason += f': the first begins with {shown(head)}, CDR with a byte 00'
+            reason += f': the first begins with {bytes_shown(head)}, CDR with a byte 00'
         if packed and packed != 'zstd':
             reason += f'; {NAME} says that they are compressed by {packed!r}; allowed: zstd, lz4'
         return reason

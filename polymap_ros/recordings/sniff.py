@@ -85,10 +85,10 @@ def refusal(content: Path, kind: str, path: Path | None = None) -> str:
     if kind in known:
         return known[kind]
     with content.open('rb') as stream:
-        return f'is neither MCAP nor SQLite: it begins with {shown(stream.read(8))}'
+        return f'is neither MCAP nor SQLite: it begins with {bytes_shown(stream.read(8))}'
 
 
-def shown(data: bytes, at_most: int = 8) -> str:
+def bytes_shown(data: bytes, at_most: int = 8) -> str:
     """Show the first of some bytes: as text where they are, or in hexadecimal."""
     head = data[:at_most]
     if head and all(32 <= byte < 127 for byte in head):

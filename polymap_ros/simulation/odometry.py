@@ -63,7 +63,7 @@ def reported(poses: NDArray[np.float64], drift: Drift, generator: np.random.Gene
     return np.column_stack((places, poses[:, 2] + heading))
 
 
-def slipped(
+def with_slips(
     poses: NDArray[np.float64], by_m: float, by_rad: float, generator: np.random.Generator
 ) -> NDArray[np.float64]:
     """Return poses (T, 3), all from one in the middle half on moved by a jump and turned about the place there."""

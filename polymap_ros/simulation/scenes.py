@@ -12,7 +12,7 @@ from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
-from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped
+from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
 
 MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
 """Pings, samples of all of them, and messages of odometry that a scene may have: slips are told by name."""
@@ -183,7 +183,7 @@ class Scene:
         drift = drift.beside(faults.odometry_scale, faults.yaw_drift_deg_m)
         generator = np.random.default_rng([self.seed, _DRIFT_STREAM, len(self.vertices)])
         poses = self.poses.copy() if drift == Drift() else reported(self.poses, drift, generator)
-        return slipped(poses, faults.slip_m, float(np.deg2rad(faults.slip_deg)), generator)
+        return with_slips(poses, faults.slip_m, float(np.deg2rad(faults.slip_deg)), generator)
 
     def noise(self) -> NDArray[np.float64]:
         """White Gaussian noise of power 1, shape (T, n_samples)."""

@@ -8,7 +8,7 @@ import pytest
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.calibration.diagnosis import diagnosis, doubtful, overrides, warning
 from polymap_ros.calibration.fit import calibrated_medium, calibrated_odometry, calibrated_time_zero
-from polymap_ros.calibration.focus import background, echo_strength, feet_of, line_focus, wave_focus
+from polymap_ros.calibration.focus import background, echo_strength, feet_heard, line_focus, wave_focus
 from polymap_ros.calibration.session import Tape
 from polymap_ros.calibration.stages import Fit, Refusal
 from polymap_ros.cautions import Caution
@@ -100,7 +100,7 @@ def test_the_map_is_sharpest_where_the_positions_are_true():
     lines = polygon_lines(start.apply(scene.vertices))
     lines[:, 1] = np.angle(np.exp(1j * lines[:, 1]))
     lines = lines[np.argsort(lines[:, 1])]
-    feet = feet_of(lines, data.positions)
+    feet = feet_heard(lines, data.positions)
     sharp = [wave_focus(data, lines, feet, factor * data.positions, data.pulse.carrier)
              for factor in (0.99, 0.997, 1.0, 1.003, 1.01)]
     assert np.argmax(sharp) == 2

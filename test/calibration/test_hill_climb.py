@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from polymap_ros.calibration.hill_climb import ascend, climb
+from polymap_ros.calibration.hill_climb import ascend, highest
 
 
 @pytest.mark.parametrize('start', [(0.0, 0.0), (0.31, -0.2), (2.0, 1.5)])
@@ -14,7 +14,7 @@ def test_a_log_likelihood_is_climbed_and_its_covariance_told(start):
     def likelihood(p, found):
         return 7.0 - 0.5 * (p - middle) @ precision @ (p - middle), (*found, tuple(p))
 
-    peak = climb(likelihood, np.array(start), (), np.array((0.1, 0.15)))
+    peak = highest(likelihood, np.array(start), (), np.array((0.1, 0.15)))
     np.testing.assert_allclose(peak.at, middle, atol=1e-6)
     np.testing.assert_allclose(peak.covariance, covariance, rtol=1e-6)
     assert peak.value == pytest.approx(7.0)
@@ -22,13 +22,13 @@ def test_a_log_likelihood_is_climbed_and_its_covariance_told(start):
 
 
 def test_a_slope_without_a_top_has_no_covariance():
-    peak = climb(lambda p, found: (float(p[0]), found), np.zeros(1), None, np.array((0.1,)))
+    peak = highest(lambda p, found: (float(p[0]), found), np.zeros(1), None, np.array((0.1,)))
     assert peak.covariance is None
     assert peak.value > 0.1
 
 
 def test_one_parameter_that_is_not_quadratic():
-    peak = climb(lambda p, found: (float(np.cos(p[0] - 1.0)), found), np.array((0.2,)), None, np.array((0.1,)))
+    peak = highest(lambda p, found: (float(np.cos(p[0] - 1.0)), found), np.array((0.2,)), None, np.array((0.1,)))
     assert peak.at[0] == pytest.approx(1.0, abs=1e-3)
     assert peak.covariance[0, 0] == pytest.approx(1.0, rel=1e-2)
 

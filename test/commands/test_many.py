@@ -221,7 +221,7 @@ def test_a_signal_ends_a_process_of_many_whatever_becomes_of_what_it_raises(tmp_
     before = signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGALRM)
     try:
         with pytest.raises(SystemExit) as ended:
-            fleet._in_process(replaying.attempt, tmp_path / 'a.mcap', tmp_path / 'a', None, None)
+            fleet._in_process(replaying.replayed, tmp_path / 'a.mcap', tmp_path / 'a', None, None)
     finally:
         signal.signal(signal.SIGTERM, before[0])
         signal.signal(signal.SIGALRM, before[1])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.cautions import Caution
-from polymap_ros.evaluation.slam_experiment import CASES, SlamExperiment, failures, slam_table, slam_trial
+from polymap_ros.evaluation.slam_experiment import CASES, SlamExperiment, path_failures, slam_table, slam_trial
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
@@ -41,7 +41,7 @@ def test_what_only_tells_of_the_correction_flags_no_wrong_answer(codes, silent):
     trial = slam_trial('typical', scene, dataclasses.replace(wrong, polygon=polygon), 0.0, 0.003)
     assert not trial.trial.right
     assert trial.silently_wrong == silent
-    assert ('(silently wrong)' in failures([trial])) == silent
+    assert ('(silently wrong)' in path_failures([trial])) == silent
 
 
 def test_a_scene_is_mapped_and_told_in_a_row():
@@ -54,7 +54,7 @@ def test_a_scene_is_mapped_and_told_in_a_row():
     assert drifting.odometry.ate_m > 0.01 > 10.0 * drifting.path.ate_m
     rows = slam_table(trials).splitlines()[2:]
     assert [row.split(' | ')[:2] for row in rows] == [['| exact odometry', '1 of 1'], ['| typical', '1 of 1']]
-    assert failures(trials) == '- none'
+    assert path_failures(trials) == '- none'
 
 
 @pytest.mark.parametrize('name', CASES)

@@ -6,7 +6,7 @@ import pytest
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
-from polymap_ros.messages.markers import Drawing, delete_all_message, drawing_of, marker_array_message, summary
+from polymap_ros.messages.markers import Drawing, answer_line, delete_all_message, drawing_of, marker_array_message
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
@@ -86,4 +86,4 @@ def test_drawing_is_in_the_odometrys_frame(start):
     distances = np.hypot(*(drawing.free_area[0] - centre).T)
     assert drawing.frame_id == 'map'
     assert distances == pytest.approx(0.3, abs=0.003)
-    assert summary(drawing.estimate) == 'waiting for echoes'
+    assert answer_line(drawing.estimate) == 'waiting for echoes'

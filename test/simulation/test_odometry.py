@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.simulation.faults import Faults
-from polymap_ros.simulation.odometry import LEVELS, Drift, reported, slipped
+from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
 from polymap_ros.simulation.random_scenes import random_scene
 
 LEGS = np.column_stack((np.arange(41) * 0.25, np.zeros(41), np.zeros(41)))
@@ -50,7 +50,7 @@ def test_every_turn_is_misjudged_by_a_share_of_it_before_the_way_is_driven():
 
 def test_a_slip_moves_and_turns_all_that_comes_after_it_once():
     poses = random_scene(3, 5).poses
-    jumped = slipped(poses, 0.05, np.deg2rad(5.0), np.random.default_rng(2))
+    jumped = with_slips(poses, 0.05, np.deg2rad(5.0), np.random.default_rng(2))
     same = np.all(jumped == poses, axis=1)
     first = int(np.argmin(same))
     assert 15 <= first <= 45

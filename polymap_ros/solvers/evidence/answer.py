@@ -105,7 +105,7 @@ class Findings:
         if other is not None:
             second = _polygon(other, certainty_of(self.search, other), self.search.data.positions)
             return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, second),
-                                       cautions=(wording.mirror_image(), *cautions))
+                                       cautions=(wording.as_likely_mirrored(), *cautions))
         return dataclasses.replace(answer, status='closed', polygon=candidate,
                                    iou_free_area=self.snapshot.region.iou(candidate.vertices))
 
@@ -115,7 +115,7 @@ class Findings:
         if weak:
             cautions.append(wording.weak_edges(weak))
         if self.unheard:
-            cautions.append(wording.unheard_corners(self.unheard))
+            cautions.append(wording.corners_unheard(self.unheard))
         if leaves_much(self.search, found):
             cautions.append(wording.unexplained(found.explained, len(found.lines), self.search.max_edges))
         cautions += _dispersion(self.search)

@@ -18,7 +18,7 @@ from polymap_ros.solvers.evidence.tracking import (
     Track,
     anchored,
     followed,
-    judged,
+    judged_track,
     mended,
     refined,
     sifted,
@@ -140,7 +140,7 @@ def _from_all(search: Search, chain: Chain, found: Found | None) -> Track | None
     """Return the track from walls that are right by power as reported, where poses are off by millimetres each."""
     if found is None or not search.coherent:
         return None
-    track = in_phase(search, chain, judged(search, found, np.arange(len(chain.poses)), chain.poses), _NOISY_M)
+    track = in_phase(search, chain, judged_track(search, found, np.arange(len(chain.poses)), chain.poses), _NOISY_M)
     if track is None or track.found.explained < EXPLAINED - search.uncertainty:
         return None
     track = mended(search, chain, track)

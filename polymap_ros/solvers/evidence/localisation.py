@@ -147,7 +147,7 @@ class Localiser:
         return poses[inside] if np.any(inside) else prior.pose[None]
 
     def _by_power(self, ping: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        return by_power(self._power, self._found.power.with_walls(self._found.walls), ping, poses)
+        return placed_by_power(self._power, self._found.power.with_walls(self._found.walls), ping, poses)
 
     def _shares(self, ping: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._found.wave is None:
@@ -190,7 +190,7 @@ class Localiser:
         return Fix(top[i], np.linalg.inv(information[i]), float(shares[i]) / float(self._data.gain[ping]))
 
 
-def by_power(data: EchoData, like: Power, ping: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def placed_by_power(data: EchoData, like: Power, ping: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what a ping of `data` is worth (n,) at poses (n, 3) between the walls of `like` by power of low orders."""
     shares = []
     for some in _in_turn(poses, data):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.search import Search
-from polymap_ros.solvers.evidence.tracking import Chain, Track, followed, improved, judged, mended
+from polymap_ros.solvers.evidence.tracking import Chain, Track, followed, improved_track, judged_track, mended
 from polymap_ros.solvers.evidence.walls import KnownWalls
 from polymap_ros.solvers.evidence.whereabouts import FEWEST, LOOKED_AT, whereabouts
 
@@ -19,7 +19,7 @@ def rejoined(search: Search, chain: Chain, track: Track) -> Track:
             walls = KnownWalls(track.found.walls.lines, track.found.walls.reflection)
             tracks = whereabouts(search, chain, walls, pings)
             if len(tracks) == 1:
-                track = improved(search, chain, onward_from(search, chain, joined(search, track, tracks[0])))
+                track = improved_track(search, chain, onward_from(search, chain, joined(search, track, tracks[0])))
     return track
 
 
@@ -32,7 +32,7 @@ def joined(search: Search, track: Track, other: Track) -> Track:
     """Return a track with the pings of another one, between the same walls."""
     pings = np.concatenate((track.pings, other.pings))
     order = np.argsort(pings)
-    return judged(search, track.found, pings[order], np.vstack((track.poses, other.poses))[order])
+    return judged_track(search, track.found, pings[order], np.vstack((track.poses, other.poses))[order])
 
 
 def onward_from(search: Search, chain: Chain, track: Track) -> Track:

@@ -116,7 +116,7 @@ class Track(NamedTuple):
         return np.asarray(self.worths / max(self.level, 1e-300))
 
 
-def judged(search: Search, found: Found, pings: NDArray[np.int64], poses: NDArray[np.float64]) -> Track:
+def judged_track(search: Search, found: Found, pings: NDArray[np.int64], poses: NDArray[np.float64]) -> Track:
     """Return a track of a search over all pings, with what each ping of it is worth."""
     over = search.over(search.data.chosen(pings).at(poses))
     if found.wave is None:
@@ -151,7 +151,7 @@ def refined(
             return None
         world, power = by_power.unknowns, by_power.heard
     better = search.over(data.at(world.poses)).judged(power, wave)
-    return None if better is None else judged(search, better, pings, world.poses)
+    return None if better is None else judged_track(search, better, pings, world.poses)
 
 
 def _top(likelihood: JointLikelihood[S], here: Joint[S], order: int, iterations: int) -> Joint[S] | None:
@@ -191,14 +191,14 @@ def followed(search: Search, chain: Chain, window: Track, until: int | None = No
             track = track.with_ping(int(ping), placed)
             fresh += 1
             if fresh >= _REFINED_EVERY:
-                track, fresh, prior = improved(search, chain, track), 0, None
+                track, fresh, prior = improved_track(search, chain, track), 0, None
                 localiser = _localiser(search, track)
             yield track
     if fresh:
-        yield improved(search, chain, track)
+        yield improved_track(search, chain, track)
 
 
-def improved(search: Search, chain: Chain, track: Track) -> Track:
+def improved_track(search: Search, chain: Chain, track: Track) -> Track:
     """Return a track with walls and poses refined, and edges changed where the waveform asks for it.
 
     Walls that are known stay.
@@ -226,13 +226,13 @@ def mended(
         search.checkpoint()
         better = _placed_between(chain, track, localiser, int(ping), widest_m)
         changed, track = changed or better is not track, better
-    return improved(search, chain, track) if changed else track
+    return improved_track(search, chain, track) if changed else track
 
 
 def sifted(search: Search, chain: Chain, track: Track) -> Track:
     """Return a track without the pings that fit nowhere, which a window may hold: they are lost."""
     fits = track.consistency >= FOUND
-    return track if np.all(fits) else improved(search, chain, track.of(fits))
+    return track if np.all(fits) else improved_track(search, chain, track.of(fits))
 
 
 def _localiser(search: Search, track: Track) -> Localiser:

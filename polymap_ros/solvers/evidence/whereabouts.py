@@ -18,7 +18,7 @@ from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import between, in_frame
 from polymap_ros.solvers.evidence.dead_reckoning import dead_reckoned
-from polymap_ros.solvers.evidence.localisation import by_power
+from polymap_ros.solvers.evidence.localisation import placed_by_power
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import first_strength
@@ -139,7 +139,7 @@ def _maps(rough: Search, chain: Chain, like: Power, pings: NDArray[np.int64]) ->
     poses = np.column_stack((places[inside], np.zeros(int(inside.sum()))))
     for number, ping in enumerate(pings):
         rough.checkpoint()
-        shares = by_power(on_axis, like, int(ping), poses)
+        shares = placed_by_power(on_axis, like, int(ping), poses)
         lowest[number] = shares.min()
         values[number] = lowest[number]
         values[number][inside] = shares

@@ -149,7 +149,7 @@ def weak_edges(weak: Sequence[int]) -> Caution:
     return Caution('weak_edge', f'{which} likely, but not certain')
 
 
-def unheard_corners(depths_m: Mapping[int, float]) -> Caution:
+def corners_unheard(depths_m: Mapping[int, float]) -> Caution:
     """Say at which corners, and how much of them, an edge may be missing."""
     where = ', '.join(f'{corner} (up to {in_metres(depth)} of it)' for corner, depth in sorted(depths_m.items()))
     return Caution('unheard_corner', f'no echo has been near corner {where}: a wall that cuts it off would not have '
@@ -211,6 +211,6 @@ def dispersion() -> Caution:
                                  'millimetres, more than their deviations say, or be wrong')
 
 
-def mirror_image() -> Caution:
+def as_likely_mirrored() -> Caution:
     """Say that the mirror image explains the echoes, too."""
     return Caution('mirror_image', 'two polygons, mirror images about the path, explain the echoes equally well')
