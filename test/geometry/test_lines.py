@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from references import bounded_area
 
 from polymap_ros.geometry.lines import feet_on_edges, iou, polygon_lines
 from polymap_ros.geometry.outline import half_plane_polygon
@@ -17,7 +18,7 @@ def random_lines(rng, k, scale=1.0):
 
 @pytest.mark.parametrize('k', [3, 4, 6, 10, 30])
 @pytest.mark.parametrize('scale', [1e-3, 1.0])
-def test_equals_clipping_the_plane(k, scale, bounded_area):
+def test_equals_clipping_the_plane(k, scale):
     rng = np.random.default_rng(k)
     closed = 0
     for _ in range(200):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from references import shapely_iou
 
 from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.geometry.overlap import Region
@@ -36,14 +37,14 @@ REGIONS = {
 
 
 @pytest.mark.parametrize('name', REGIONS)
-def test_overlap_with_a_triangle(name, shapely_iou):
+def test_overlap_with_a_triangle(name):
     shape = REGIONS[name]
     assert Region(shape).iou(TRIANGLE) == pytest.approx(shapely_iou(shape, shapely.Polygon(TRIANGLE)), abs=1e-12)
     assert Region(shape).area == pytest.approx(shape.area)
 
 
 @pytest.mark.parametrize(('count', 'spread'), [(1, 0.1), (10, 0.5), (60, 0.6), (40, 2.0)])
-def test_overlap_with_random_polygons(count, spread, shapely_iou):
+def test_overlap_with_random_polygons(count, spread):
     rng = np.random.default_rng(count)
     shape = discs(rng, count, spread)
     region, compared = Region(shape), 0

@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 import shapely
+from references import bounded_area, unfold
 
 from polymap_ros.geometry.image_sources import visible_images, walls_of
 from polymap_ros.geometry.lines import polygon_lines
@@ -42,7 +43,7 @@ def beside(positions, apart_m, seed=0):
 
 
 @pytest.mark.parametrize('n', [3, 4, 5, 6, 8])
-def test_corners_are_those_of_the_half_planes(n, bounded_area):
+def test_corners_are_those_of_the_half_planes(n):
     generator = np.random.default_rng(n)
     closed = 0
     for _ in range(400):
@@ -95,7 +96,7 @@ def test_edges_no_longer_than_the_shortest_are_none(shortest_m):
 @pytest.mark.parametrize(('apart_m', 'height_m'), [(0.0, 0.0), (0.05, 0.0), (0.03, 0.2)])
 @pytest.mark.parametrize('soft', [1e-6, 1e-3, 0.02])
 @pytest.mark.parametrize('n', [3, 4, 5, 7])
-def test_every_audible_path_is_traced(n, soft, apart_m, height_m, unfold):
+def test_every_audible_path_is_traced(n, soft, apart_m, height_m):
     """With half its length and with what the ends of its walls leave of it."""
     scene = random_scene(11, n)
     vertices, lines = sorted_walls(scene.vertices)
@@ -174,7 +175,7 @@ def test_paths_end_with_the_range(triangle):
 
 @pytest.mark.parametrize(('n', 'apart_m', 'height_m'), [
     (3, 0.0, 0.0), (3, 0.05, 0.0), (5, 0.0, 0.0), (5, 0.1, 0.2), (8, 0.05, 0.0)])
-def test_derivatives_are_those_of_the_unfolded_lengths(n, apart_m, height_m, unfold):
+def test_derivatives_are_those_of_the_unfolded_lengths(n, apart_m, height_m):
     scene = random_scene(13, n)
     vertices, lines = sorted_walls(scene.vertices)
     order = {3: 5, 5: 4, 8: 3}[n]

@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from heard_scenes import feed
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.errors import StateError
@@ -140,7 +141,7 @@ def test_the_start_frame_is_the_sensor_at_the_first_used_ping(heard, quadrilater
     np.testing.assert_allclose(back, scene.poses[:, :2], atol=1e-12)
 
 
-def test_a_moved_world_moves_the_answer_and_changes_nothing_inside(heard, quadrilateral, feed):
+def test_a_moved_world_moves_the_answer_and_changes_nothing_inside(heard, quadrilateral):
     scene, samples = quadrilateral
     shift = Pose(-40.0, 7.0, 2.1)
     poses = np.column_stack((shift.apply(scene.poses[:, :2]), scene.poses[:, 2] + shift.yaw))
@@ -152,7 +153,7 @@ def test_a_moved_world_moves_the_answer_and_changes_nothing_inside(heard, quadri
     np.testing.assert_allclose(there.polygon.vertices, shift.apply(here.polygon.vertices), atol=1e-6)
 
 
-def test_the_loudness_does_not_matter(heard, quadrilateral, feed):
+def test_the_loudness_does_not_matter(heard, quadrilateral):
     scene, samples = quadrilateral
     mapper = PolygonMapper(heard.parameters)
     feed(mapper, scene, samples * np.float32(2.0**-20))
@@ -240,7 +241,7 @@ def test_nothing_heard_is_an_answer_too():
 
 
 @pytest.mark.parametrize('method', ['paper', 'rectangle'])
-def test_a_straight_path_is_ambiguous_and_one_of_the_two_answers_may_be_the_truth(quadrilateral, feed, method):
+def test_a_straight_path_is_ambiguous_and_one_of_the_two_answers_may_be_the_truth(quadrilateral, method):
     scene, _ = quadrilateral
     middle = scene.vertices.mean(axis=0)
     straight = dataclasses.replace(scene, poses=legs((*(middle - (0.25, 0.0)), 0.0), [0.0], [0.5], 0.025))

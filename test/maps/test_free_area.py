@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import shapely
+from references import shapely_iou
 
 from polymap_ros.errors import StateError
 from polymap_ros.maps.free_area import FreeArea
@@ -32,7 +33,7 @@ def test_is_the_union_of_discs_at_every_scale(count, scale):
     assert area.shape.is_valid
 
 
-def test_two_discs_apart_are_two_parts_and_a_ring_of_discs_has_a_hole(shapely_iou):
+def test_two_discs_apart_are_two_parts_and_a_ring_of_discs_has_a_hole():
     assert len(shapely.get_parts(fill([(0.0, 0.0, 1.0), (5.0, 0.0, 1.0)]).shape)) == 2
     ring = fill([(np.cos(a), np.sin(a), 0.3) for a in np.linspace(0.0, 2 * np.pi, 40)])
     assert shapely.get_num_interior_rings(ring.shape) == 1

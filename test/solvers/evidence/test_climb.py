@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from heard_scenes import hear
+from references import inside
 
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import first_orders
@@ -84,7 +86,7 @@ def test_a_likelihood_from_outside_is_climbed_and_shrugs_off_what_is_far_out(in_
 
 
 @pytest.mark.parametrize('kind', [PowerLikelihood, WaveformLikelihood])
-def test_walls_from_outside_are_climbed_with_what_they_hold(kind, hear, pentagon, inside):
+def test_walls_from_outside_are_climbed_with_what_they_hold(kind, pentagon):
     """Of walls that reflect 0.8, told that they reflect fully, the lines are still found."""
     heard = hear(pentagon, inside(pentagon, 40), order=3, reflection=np.full(5, 0.8), seed=3)
     likelihood = kind(heard.data)

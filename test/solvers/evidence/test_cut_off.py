@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 import shapely
+from heard_scenes import hear
+from references import inside
 
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import half_plane_polygon
@@ -17,7 +19,7 @@ def searching(heard):
     return search, search.judge(search.nothing.with_strength(1.0).with_walls(Walls.convex(heard.lines)))
 
 
-def test_cuts_take_shares_of_the_shorter_edge_away_on_both_sides(hear, pentagon, inside):
+def test_cuts_take_shares_of_the_shorter_edge_away_on_both_sides(pentagon):
     search, found = searching(hear(pentagon, inside(pentagon, 20, clearance=0.4), snr_db=10.0))
     corners = half_plane_polygon(found.lines)[0]
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
@@ -36,7 +38,7 @@ def test_cuts_take_shares_of_the_shorter_edge_away_on_both_sides(hear, pentagon,
 
 
 @pytest.mark.parametrize('corner', range(5))
-def test_a_silent_wall_across_a_corner_is_told_by_what_is_missing(corner, hear, pentagon, inside):
+def test_a_silent_wall_across_a_corner_is_told_by_what_is_missing(corner, pentagon):
     ends = [pentagon[corner] + 0.4 * (pentagon[(corner + step) % 5] - pentagon[corner]) for step in (-1, 1)]
     room = np.insert(np.delete(pentagon, corner, 0), corner, ends, axis=0)
     reflection = np.where(np.arange(6) == corner, 0.0, 1.0)
@@ -49,13 +51,13 @@ def test_a_silent_wall_across_a_corner_is_told_by_what_is_missing(corner, hear, 
     assert is_cut_off(silent, silent.judge(walls))
 
 
-def test_of_a_room_heard_from_everywhere_no_corner_is_unheard(hear, pentagon, inside):
+def test_of_a_room_heard_from_everywhere_no_corner_is_unheard(pentagon):
     search, found = searching(hear(pentagon, inside(pentagon, 40)))
     assert unheard_corners(search, found) == {}
 
 
 @pytest.mark.parametrize('end_m', [0.3, 0.8, 1.2])
-def test_as_much_of_a_tip_is_told_as_can_be_cut_off_unheard(end_m, hear):
+def test_as_much_of_a_tip_is_told_as_can_be_cut_off_unheard(end_m):
     """A needle of 10 deg, whose tip sends nothing back: all up to the pings, to a factor of two."""
     needle = np.array([(0.0, -0.15), (1.7, 0.0), (0.0, 0.15)])
     places = np.column_stack((np.linspace(0.1, end_m, 30), 0.03 * np.sin(np.arange(30))))

@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from heard_scenes import hear
+from references import inside
 
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.hearing.listening import Listener
@@ -70,7 +72,7 @@ def test_power_is_that_of_the_signal_at_the_cells(in_pentagon):
     assert data.extent_m == pytest.approx(np.hypot(*(data.positions.max(axis=0) - data.positions.min(axis=0))))
 
 
-def test_the_signal_without_its_carrier_is_slow_and_keeps_the_phase(hear, pentagon, inside):
+def test_the_signal_without_its_carrier_is_slow_and_keeps_the_phase(pentagon):
     heard = hear(pentagon, inside(pentagon, 3), clean=True, order=1)
     data, pulse = heard.data, heard.data.pulse
     turns = np.angle(data.signal[:, 1:] * np.conj(data.signal[:, :-1]))
@@ -83,7 +85,7 @@ def test_the_signal_without_its_carrier_is_slow_and_keeps_the_phase(hear, pentag
         assert phase == pytest.approx(0.0, abs=0.1)
 
 
-def test_blurred_power_has_the_same_mean_and_an_echo_the_blurred_pulse(noise, listener, hear, pentagon, inside):
+def test_blurred_power_has_the_same_mean_and_an_echo_the_blurred_pulse(noise, listener, pentagon):
     quiet = data_of(noise, listener)
     blurred = quiet.blurred(0.01)
     near = slice(quiet.first_cell + 20, -30)
@@ -123,7 +125,7 @@ def test_the_blanking_ends_after_a_pulse_at_least(noise, listener, blanking_m):
     assert max(blanking_m, data.pulse.width_m) <= first_m < max(blanking_m, data.pulse.width_m) + data.cell_m
 
 
-def test_gains_are_the_echoes_powers(hear, pentagon):
+def test_gains_are_the_echoes_powers(pentagon):
     """One place again and again, with gains over 12 dB in known noise."""
     heard = hear(pentagon, np.tile((0.5, 0.4), (30, 1)), snr_db=20.0, gain_range_db=0.0)
     factors = np.geomspace(0.5, 2.0, 30)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from heard_scenes import feed, listen
 from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
@@ -31,7 +32,7 @@ def codes(estimate):
     return [caution.code for caution in estimate.cautions]
 
 
-def test_a_second_mode_is_told_as_what_is_not_explained(listen):
+def test_a_second_mode_is_told_as_what_is_not_explained():
     """S0 10 dB below A0: the polygon is right, and a tenth of what was heard is something else."""
     doubtful = KINDS['mode_-10db'].make(0, 4)
     scene = dataclasses.replace(doubtful.scene, poses=doubtful.scene.poses[:20])
@@ -40,14 +41,14 @@ def test_a_second_mode_is_told_as_what_is_not_explained(listen):
     assert compare(estimate.polygon.vertices, scene.vertices).right
 
 
-def test_what_is_unexplained_may_need_more_edges_than_are_allowed(hexagon, listen):
+def test_what_is_unexplained_may_need_more_edges_than_are_allowed(hexagon):
     scene, samples, _, _ = hexagon
     estimate = listen(scene, samples, changes={'solver.max_edges': 5, **EXACT}).solve()
     told, = [caution.text for caution in estimate.cautions if caution.code == 'unexplained']
     assert told.endswith(' with all the edges that solver.max_edges allows (5); raise solver.max_edges')
 
 
-def test_that_more_edges_are_certain_than_are_allowed_is_told(listen):
+def test_that_more_edges_are_certain_than_are_allowed_is_told():
     """Five walls are heard by themselves, and no polygon of four explains half of the echoes."""
     estimate = listen(load_scene('pentagon'), changes={'solver.max_edges': 4, **EXACT}).solve()
     assert estimate.status == 'open'
@@ -57,7 +58,7 @@ def test_that_more_edges_are_certain_than_are_allowed_is_told(listen):
 
 
 @pytest.mark.parametrize('count', [0, 1, 2])
-def test_too_few_pings_are_said_to_be_too_few(count, hexagon, listen):
+def test_too_few_pings_are_said_to_be_too_few(count, hexagon):
     scene, samples, _, _ = hexagon
     mapper = listen(scene, samples, count) if count else PolygonMapper(Parameters())
     estimate = mapper.solve()
@@ -72,7 +73,7 @@ def is_wall(edge, truth, offset_m=0.01, angle_rad=0.02):
 
 
 @pytest.mark.parametrize('count', [3, 5, 8, 12])
-def test_few_pings_are_not_sure_of_more_than_they_heard(count, hexagon, listen):
+def test_few_pings_are_not_sure_of_more_than_they_heard(count, hexagon):
     """What is called certain is a wall; on a straight path none is, for it may be its own mirror image."""
     scene, samples, _, _ = hexagon
     estimate = listen(scene, samples, count).solve()
@@ -94,7 +95,7 @@ def straight(scene, length=0.5):
 
 
 @pytest.mark.parametrize('edges', [3, 5])
-def test_a_straight_path_cannot_tell_sides(edges, listen):
+def test_a_straight_path_cannot_tell_sides(edges):
     scene = straight(random_scene(119, edges))
     estimate = listen(scene).solve()
     assert 'straight_path' in codes(estimate)
@@ -107,7 +108,7 @@ def test_a_straight_path_cannot_tell_sides(edges, listen):
 
 
 @pytest.mark.parametrize('silent', range(3))
-def test_a_wall_that_is_not_heard_leaves_the_polygon_open(silent, listen):
+def test_a_wall_that_is_not_heard_leaves_the_polygon_open(silent):
     scene = dataclasses.replace(random_scene(121, 3), reflection=np.where(np.arange(3) == silent, 0.0, 1.0))
     estimate = listen(scene).solve()
     assert (estimate.status, codes(estimate)[0]) == ('open', 'not_closed')
@@ -117,7 +118,7 @@ def test_a_wall_that_is_not_heard_leaves_the_polygon_open(silent, listen):
     assert len(estimate.walls) == 2
 
 
-def test_parallel_walls_do_not_meet(listen):
+def test_parallel_walls_do_not_meet():
     """A rectangle of which three walls are heard: the sides, off by 0.1 mrad, meet kilometres away."""
     vertices = np.array([(0.0, 0.0), (1.1, 0.0), (1.1, 0.8), (0.0, 0.8)])
     scene = Scene('silent', vertices, legs((0.3, 0.2, 0.3), [0.0, 1.4, 2.3], [0.5, 0.4, 0.4], 0.03),
@@ -129,7 +130,7 @@ def test_parallel_walls_do_not_meet(listen):
 
 
 @pytest.mark.parametrize('changes', [{'grid.range_max_m': 0.03}, {'echo.blanking_m': 2.99}, {'grid.range_max_m': 0.1}])
-def test_what_is_heard_too_near_or_not_at_all_is_no_room(changes, hexagon, feed):
+def test_what_is_heard_too_near_or_not_at_all_is_no_room(changes, hexagon):
     scene, samples, _, _ = hexagon
     mapper = PolygonMapper(scene.parameters(Parameters()).replaced(changes))
     feed(mapper, dataclasses.replace(scene, poses=scene.poses[:12]), samples[:12])
@@ -151,7 +152,7 @@ def test_noise_alone_is_no_room():
 
 
 @pytest.mark.parametrize(('edges', 'seed'), [(5, 410), (6, 411), (4, 415)])
-def test_one_ping_aside_of_a_straight_path_does_not_tell_sides(edges, seed, listen):
+def test_one_ping_aside_of_a_straight_path_does_not_tell_sides(edges, seed):
     """The other 59 explain the mirror image as well as anything has to be explained."""
     scene = KINDS['straight'].make(seed, edges).scene
     poses = scene.poses.copy()
@@ -164,7 +165,7 @@ def test_one_ping_aside_of_a_straight_path_does_not_tell_sides(edges, seed, list
 
 
 @pytest.mark.parametrize(('edges', 'seed', 'slam'), [(5, 223, EXACT), (7, 400, {}), (4, 415, {}), (5, 416, {})])
-def test_a_wall_that_is_silent_is_missed_by_magnitudes_too(edges, seed, slam, listen):
+def test_a_wall_that_is_silent_is_missed_by_magnitudes_too(edges, seed, slam):
     scene = air_filled(KINDS['unheard'].make(seed, edges).scene)
     magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
     estimate = listen(scene, magnitudes, changes={'echo.kind': 'envelope', **slam}).solve()
@@ -173,7 +174,7 @@ def test_a_wall_that_is_silent_is_missed_by_magnitudes_too(edges, seed, slam, li
 
 
 @pytest.mark.parametrize(('edges', 'seed'), [(3, 600), (4, 600), (5, 602), (5, 604)])
-def test_magnitudes_of_a_plate_prove_no_edge(edges, seed, listen):
+def test_magnitudes_of_a_plate_prove_no_edge(edges, seed):
     """Dispersion draws echoes out, which is not what the likelihood looks for: a polygon may be wrong altogether."""
     scene = random_scene(seed, edges)
     magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
@@ -184,7 +185,7 @@ def test_magnitudes_of_a_plate_prove_no_edge(edges, seed, listen):
 
 
 @pytest.mark.parametrize(('places', 'seed', 'slam'), [(3, 602, {}), (3, 611, EXACT), (4, 614, EXACT), (4, 600, {})])
-def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed, slam, listen):
+def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed, slam):
     scene = random_scene(seed, (3, 4, 5, 6, 7, 8)[seed % 6])
     chosen = np.repeat(np.linspace(0, 59, places).astype(int), 60 // places)
     estimate = listen(dataclasses.replace(scene, poses=scene.poses[chosen]), changes=slam).solve()
@@ -194,7 +195,7 @@ def test_places_that_repeat_make_no_wall_certain_that_is_not_there(places, seed,
 
 
 @pytest.mark.parametrize(('edges', 'seed'), [(4, 902), (6, 908), (8, 914), (7, 900), (7, 910)])
-def test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open(edges, seed, listen):
+def test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open(edges, seed):
     """Not two polygons of which neither is true, and no wall that may be its own mirror image."""
     scene = KINDS['straight'].make(seed, edges).scene
     reflection = np.where(np.arange(edges) == seed // 2 % edges, 0.0, 1.0)
@@ -205,7 +206,7 @@ def test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open(edges, see
     assert all(np.any(is_wall(wall, truth, 0.02, 2.0 * wall.theta_std)) for wall in estimate.walls)
 
 
-def test_an_edge_that_brings_next_to_nothing_is_weak(hexagon, listen, monkeypatch):
+def test_an_edge_that_brings_next_to_nothing_is_weak(hexagon, monkeypatch):
     """What is predicted a little wrong can buy an edge: were all of it that uncertain, no edge would be sure."""
     scene, samples, _, _ = hexagon
     monkeypatch.setattr(ground, 'MISFIT', 1.0)
@@ -215,7 +216,7 @@ def test_an_edge_that_brings_next_to_nothing_is_weak(hexagon, listen, monkeypatc
 
 
 @pytest.mark.parametrize('seed', [4, 12])
-def test_a_tip_that_no_echo_comes_from_is_not_vouched_for(seed, listen):
+def test_a_tip_that_no_echo_comes_from_is_not_vouched_for(seed):
     """Cut off askew by 5 cm, it gives the same echoes, of five orders, as whole: the answer is one of the two."""
     whole = random_scene(seed, 3, Recipe(shape='needle'))
     sides = np.roll(whole.vertices, -1, axis=0) - whole.vertices

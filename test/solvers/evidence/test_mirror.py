@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from heard_scenes import hear
+from references import inside
 
 from polymap_ros.geometry.lines import mirrored_lines
 from polymap_ros.solvers.evidence.mirror import mirror_image
@@ -25,17 +27,17 @@ def searching(heard, lines=None):
 
 
 @pytest.mark.parametrize('half_width', [0.01, 0.25])
-def test_a_symmetric_room_has_no_other_image(half_width, hear):
+def test_a_symmetric_room_has_no_other_image(half_width):
     search, found = searching(hear(RECTANGLE, oval(0.45, half_width), snr_db=10.0))
     assert mirror_image(search, found, False) is None
 
 
-def test_a_winding_path_leaves_no_image(hear, pentagon, inside):
+def test_a_winding_path_leaves_no_image(pentagon):
     search, found = searching(hear(pentagon, inside(pentagon, 40)))
     assert mirror_image(search, found, False) is None
 
 
-def test_from_a_narrow_path_the_image_is_near_and_worth_less(hear, triangle):
+def test_from_a_narrow_path_the_image_is_near_and_worth_less(triangle):
     path = np.array((0.55, 0.3)) + oval(0.25, 0.008)
     search, found = searching(hear(triangle, path))
     other = mirror_image(search, found, False)
@@ -45,7 +47,7 @@ def test_from_a_narrow_path_the_image_is_near_and_worth_less(hear, triangle):
 
 
 @pytest.mark.parametrize(('aside', 'turned'), [(0, 0), (3, 0), (0, -4), (2, 3), (-3, 2), (-1, -4)])
-def test_of_an_answer_that_is_an_image_about_another_line_the_truth_is_found(aside, turned, hear, triangle):
+def test_of_an_answer_that_is_an_image_about_another_line_the_truth_is_found(aside, turned, triangle):
     """In steps of half a pulse's width, across at the path's middle and at its ends."""
     path = np.array((0.55, 0.3)) + oval(0.25, 0.04)
     heard = hear(triangle, path)

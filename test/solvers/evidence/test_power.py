@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from heard_scenes import hear, some
+from references import away_from_ends, inside, unfold
 
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.outline import half_plane_polygon
@@ -14,7 +16,7 @@ from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 
 
 @pytest.fixture(scope='module')
-def mean_power(unfold):
+def mean_power():
     """T of the docstring; paths of equal length, which are reverses of one another, add up in phase."""
 
     def power_of(data, power, order):
@@ -50,7 +52,7 @@ def log_likelihood(mean_power):
 
 
 @pytest.fixture(scope='module')
-def cut(some):
+def cut():
     """The first pings only, or those chosen, with gains that differ."""
 
     def those(heard, pings):
@@ -93,7 +95,7 @@ def test_equals_brute_force(in_pentagon, order, cut, mean_power, log_likelihood)
         np.testing.assert_allclose(power.expected, mean_power(data, given, order), rtol=1e-3)
 
 
-def test_equals_brute_force_in_a_triangle_full_of_reverses(hear, triangle, inside, unfold, log_likelihood):
+def test_equals_brute_force_in_a_triangle_full_of_reverses(triangle, log_likelihood):
     heard = hear(triangle, inside(triangle, 4), order=3)
     given = displaced(heard, np.random.default_rng(2))
     lines = given.walls.lines
@@ -140,7 +142,7 @@ def differences(likelihood, power, order):
 
 
 @pytest.mark.parametrize('order', [1, 3, 5])
-def test_gradients_are_those_of_differences(in_pentagon, order, cut, away_from_ends):
+def test_gradients_are_those_of_differences(in_pentagon, order, cut):
     """Of pings that hear no path near the end of a wall: what ends leave is not derived."""
     given = displaced(in_pentagon, np.random.default_rng(3))
     away = away_from_ends(given.walls.lines, in_pentagon.data.positions, order, in_pentagon.data.soft_m + 1e-5)
@@ -153,7 +155,7 @@ def test_gradients_are_those_of_differences(in_pentagon, order, cut, away_from_e
     assert np.abs(errors / np.sqrt(np.diag(information_of(power)))).max() < 1e-3
 
 
-def test_each_ping_has_a_gradient_of_its_own(in_pentagon, cut, some):
+def test_each_ping_has_a_gradient_of_its_own(in_pentagon, cut):
     data = cut(in_pentagon, 5)
     given = displaced(in_pentagon, np.random.default_rng(3))
     together = at(PowerLikelihood(data), given, 3, derive=True).slopes
@@ -163,7 +165,7 @@ def test_each_ping_has_a_gradient_of_its_own(in_pentagon, cut, some):
         np.testing.assert_allclose(together.information[i], alone.information[0], rtol=1e-9)
 
 
-def test_leaving_out_the_decay_with_range_does_no_harm_at_the_right_model(in_pentagon, cut, mean_power, away_from_ends):
+def test_leaving_out_the_decay_with_range_does_no_harm_at_the_right_model(in_pentagon, cut, mean_power):
     """The gradient of a model with the decay differs by what the model leaves of the power, over the range."""
     away = away_from_ends(in_pentagon.lines, in_pentagon.data.positions, 3, in_pentagon.data.soft_m + 1e-5)
     data = cut(in_pentagon, np.flatnonzero(away)[:12])
@@ -176,7 +178,7 @@ def test_leaving_out_the_decay_with_range_does_no_harm_at_the_right_model(in_pen
     assert np.abs(error / np.sqrt(np.diag(information_of(power)))).max() < 0.01
 
 
-def test_information_is_the_spread_of_the_gradients(hear, pentagon, inside, mean_power):
+def test_information_is_the_spread_of_the_gradients(pentagon, mean_power):
     """Over draws of exponential cells that count as a share `weight` of an independent one; echoes do not overlap."""
     places = inside(pentagon, 300)
     gaps = [np.diff(visible_images(pentagon, place, 1).distance_m / 2.0) for place in places]
@@ -226,7 +228,7 @@ def test_refining_climbs_to_the_walls(in_pentagon):
     assert np.all(power.walls.reflection <= 1.0)
 
 
-def test_a_path_and_its_reverse_are_heard_with_four_times_the_power(hear, triangle, inside):
+def test_a_path_and_its_reverse_are_heard_with_four_times_the_power(triangle):
     """Echoes of synthesised waveforms that no other comes near, against the model at one strength for all."""
     heard = hear(triangle, inside(triangle, 150), clean=True, order=2)
     data, given = heard.data, power_of(Walls.convex(heard.lines), 0.0, np.zeros(heard.data.power.shape[1]))
@@ -246,7 +248,7 @@ def test_a_path_and_its_reverse_are_heard_with_four_times_the_power(hear, triang
     np.testing.assert_allclose(double, single.mean(), rtol=0.02)
 
 
-def test_the_power_of_many_pings_is_that_of_their_waveforms(hear, triangle, inside):
+def test_the_power_of_many_pings_is_that_of_their_waveforms(triangle):
     """Where echoes overlap, their random phases average out."""
     heard = hear(triangle, inside(triangle, 400), clean=True, order=3)
     data = dataclasses.replace(heard.data, gain=np.ones(400))

@@ -6,6 +6,8 @@ import itertools
 import numpy as np
 import pytest
 import shapely
+from heard_scenes import hear, some
+from references import inside
 
 from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
@@ -86,7 +88,7 @@ def test_run_scores_are_those_of_all_runs():
             assert scores[t, j] == pytest.approx(best_run(heard), abs=1e-4)
 
 
-def test_the_strongest_lines_are_the_walls(hear, pentagon, inside):
+def test_the_strongest_lines_are_the_walls(pentagon):
     heard = hear(pentagon, inside(pentagon, 60), order=1)
     expected = 1.0 + np.zeros((1, heard.data.power.shape[1]))
     strength = first_strength(heard.data, expected)
@@ -158,7 +160,7 @@ def test_the_evidence_of_a_chord_is_that_of_the_line_inside(pentagon):
     assert 20 < cutting < 280
 
 
-def test_a_corner_that_was_cut_off_is_proposed(hear, pentagon, inside):
+def test_a_corner_that_was_cut_off_is_proposed(pentagon):
     """The model has four of the five walls and ends in the corner of their extensions."""
     heard = hear(pentagon, inside(pentagon, 60), order=1)
     for missing in range(5):
@@ -174,7 +176,7 @@ def test_a_corner_that_was_cut_off_is_proposed(hear, pentagon, inside):
         assert np.any((offset < 0.006) & (angle < 0.02))
 
 
-def test_nothing_cuts_a_polygon_between_the_pings(hear, pentagon, inside):
+def test_nothing_cuts_a_polygon_between_the_pings(pentagon):
     """As where the odometry jumps by metres, and what was found before lies amid the places."""
     heard = hear(pentagon, inside(pentagon, 30), order=1)
     expected = np.ones((1, heard.data.power.shape[1]))
@@ -211,7 +213,7 @@ def test_annealing_finds_the_best_subset_and_the_same_again(in_pentagon):
 
 
 @pytest.mark.parametrize(('steps', 'most'), [(40, 6), (80, 3), (150, 5)])
-def test_every_decision_of_the_annealing_is_that_of_an_oracle(steps, most, in_pentagon, some):
+def test_every_decision_of_the_annealing_is_that_of_an_oracle(steps, most, in_pentagon):
     """Which replays its random numbers: a line, one of add, drop and exchange, a slot, and the acceptance."""
     data = some(in_pentagon.data, np.arange(0, 40, 3))
     expected = np.ones((1, data.power.shape[1]))
@@ -276,7 +278,7 @@ def test_corners_are_cut_off_by_edges_of_the_lengths_asked_for():
     np.testing.assert_allclose(np.sort(lengths), 15 * [0.02] + 15 * [0.05], rtol=1e-9)
 
 
-def test_first_echoes_of_emitter_and_receiver_apart_are_those_of_the_traced_paths(hear, pentagon, inside):
+def test_first_echoes_of_emitter_and_receiver_apart_are_those_of_the_traced_paths(pentagon):
     """A line's evidence is gathered where its paths of one reflection are, by length and by the place of reflection."""
     positions, generator = inside(pentagon, 12), np.random.default_rng(5)
     baselines = np.column_stack((generator.uniform(-0.1, 0.1, (12, 2)), np.full(12, 0.07)))
@@ -299,7 +301,7 @@ def test_first_echoes_of_emitter_and_receiver_apart_are_those_of_the_traced_path
     assert compared > 20
 
 
-def test_no_ping_brings_more_than_its_limits(hear, pentagon, inside):
+def test_no_ping_brings_more_than_its_limits(pentagon):
     heard = hear(pentagon, inside(pentagon, 6))
     data, nothing = heard.data, np.ones_like(heard.data.power)
     free = foot_evidence(data, nothing, 10.0)

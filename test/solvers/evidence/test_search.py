@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from heard_scenes import hear
+from references import inside
 
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.lines import polygon_lines
@@ -57,7 +59,7 @@ def standing(search, found, wave=None):
 
 
 @pytest.fixture(scope='module')
-def nearby(hear, pentagon, inside):
+def nearby(pentagon):
     return hear(pentagon, inside(pentagon, 12), order=3, seed=3)
 
 
@@ -91,7 +93,7 @@ def test_likelihoods_do_not_jump_where_a_path_passes_a_walls_end(kind, nearby, m
 
 @pytest.mark.parametrize('turned', [False, True])
 @pytest.mark.parametrize('negative', [(), (0, 2, 3), (0, 1, 2, 3), (0, 1, 2, 3, 4)])
-def test_rooms_that_differ_in_all_signs_are_told_apart(negative, turned, hear, pentagon, inside):
+def test_rooms_that_differ_in_all_signs_are_told_apart(negative, turned, pentagon):
     """By their echoes of even order; odd ones are the same with a device turned by pi."""
     reflection = np.array([0.9, 0.7, 1.0, 0.8, 0.6])
     reflection[list(negative)] *= -1.0
@@ -160,7 +162,7 @@ def test_a_wall_that_is_cycles_off_is_put_back(cycles):
 
 
 @pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_a_line_across_a_corner_slides_to_where_its_edge_is(sign, hear, inside):
+def test_a_line_across_a_corner_slides_to_where_its_edge_is(sign):
     """By up to a cycle of range, with the sign that the echoes have."""
     room = np.array([(0.0, 0.0), (1.2, 0.0), (1.2, 0.72), (1.14, 0.8), (0.0, 0.8)])
     reflection = np.array([1.0, 1.0, sign, 1.0, 1.0])
@@ -251,7 +253,7 @@ def test_an_edge_whose_r_is_vague_is_not_certain():
 
 
 @pytest.fixture(scope='module')
-def in_triangle(hear, triangle, inside):
+def in_triangle(triangle):
     """A search over twelve pings, and the lines of a polygon that lacks the wall at the bottom."""
     heard = hear(triangle, inside(triangle, 12), order=3, seed=3)
     search = Search(heard.data, 10, np.random.default_rng(1))
@@ -321,7 +323,7 @@ def test_two_edges_that_are_none_are_dropped_one_by_one_and_no_wall(in_pentagon)
 
 @pytest.mark.parametrize(('seed', 'in_phase'), [(1, True), (2, True), (7, False), (8, False), (9, False)])
 def test_where_positions_are_off_power_has_the_last_word_unless_phases_agree_by_half(
-        seed, in_phase, hear, pentagon, inside):
+        seed, in_phase, pentagon):
     """Errors of 3 mm, a seventh of a wavelength: phases agree by half, or by a quarter and less."""
     heard = hear(pentagon, inside(pentagon, 20), snr_db=10.0, seed=3)
     off = np.random.default_rng(seed).normal(0.0, 3e-3, heard.data.positions.shape)

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from heard_scenes import listen
 from scipy.signal import hilbert
 
 from polymap_ros.acoustics.ping import Ping
@@ -47,7 +48,7 @@ def errors(estimate, scene):
 @pytest.mark.parametrize(('seed', 'edges', 'snr_db'), [
     (101, 3, 0.0), (103, 4, 0.0), (105, 5, 0.0), (107, 6, 0.0), (109, 7, 0.0), (111, 8, 0.0), (113, 4, -10.0),
     (115, 7, -10.0)])
-def test_random_rooms_are_right_and_as_exact_as_they_say(seed, edges, snr_db, listen):
+def test_random_rooms_are_right_and_as_exact_as_they_say(seed, edges, snr_db):
     scene = dataclasses.replace(random_scene(seed, edges), snr_db=snr_db)
     estimate = listen(scene).solve()
     assert (estimate.status, estimate.method, codes(estimate)) == ('closed', 'evidence', [])
@@ -77,7 +78,7 @@ def test_the_same_evidence_gives_the_same_bytes_whether_watched_or_not(hexagon):
     assert written(watched) == written(first)
 
 
-def test_one_ping_more_is_cheap_and_still_right(hexagon, listen):
+def test_one_ping_more_is_cheap_and_still_right(hexagon):
     scene, samples, full, _ = hexagon
     mapper = listen(scene, samples, 59)
     steps = []
@@ -99,7 +100,7 @@ def test_one_ping_more_is_cheap_and_still_right(hexagon, listen):
     assert codes(mapper.estimate) == []
 
 
-def test_moving_the_odometrys_frame_moves_the_answer(hexagon, listen):
+def test_moving_the_odometrys_frame_moves_the_answer(hexagon):
     scene, samples, here, _ = hexagon
     shift = Pose(-40.0, 7.0, 2.1)
     poses = np.column_stack((shift.apply(scene.poses[:, :2]), scene.poses[:, 2] + shift.yaw))
@@ -114,13 +115,13 @@ def test_moving_the_odometrys_frame_moves_the_answer(hexagon, listen):
 
 
 @pytest.mark.parametrize('factor', [2.0**-20, 1e6])
-def test_the_loudness_does_not_matter(factor, hexagon, listen):
+def test_the_loudness_does_not_matter(factor, hexagon):
     scene, samples, expected, _ = hexagon
     estimate = listen(scene, samples * np.float32(factor)).solve()
     np.testing.assert_allclose(estimate.polygon.vertices, expected.polygon.vertices, atol=1e-6)
 
 
-def test_a_room_seen_in_a_mirror_gives_the_mirror_image(hexagon, listen):
+def test_a_room_seen_in_a_mirror_gives_the_mirror_image(hexagon):
     scene, samples, expected, _ = hexagon
     mirrored = dataclasses.replace(scene, vertices=scene.vertices * (1.0, -1.0), poses=scene.poses * (1.0, -1.0, -1.0))
     estimate = listen(mirrored, samples).solve()
@@ -128,7 +129,7 @@ def test_a_room_seen_in_a_mirror_gives_the_mirror_image(hexagon, listen):
     assert iou(estimate.polygon.vertices * (1.0, -1.0), expected.polygon.vertices) > 0.9999
 
 
-def test_walls_that_turn_the_sign_and_absorb_are_found_too(listen):
+def test_walls_that_turn_the_sign_and_absorb_are_found_too():
     reflection = np.array([0.9, -0.6, 1.0, -0.8, 0.7])
     scene = dataclasses.replace(random_scene(117, 5), reflection=reflection)
     estimate = listen(scene).solve()
@@ -136,7 +137,7 @@ def test_walls_that_turn_the_sign_and_absorb_are_found_too(listen):
     assert np.abs(errors(estimate, scene)[0]).max() < 0.15e-3
 
 
-def test_a_wall_that_is_hardly_heard_at_first_order_is_found_by_trying_all_lines(listen):
+def test_a_wall_that_is_hardly_heard_at_first_order_is_found_by_trying_all_lines():
     scene = dataclasses.replace(random_scene(36, 7), snr_db=-10.0)
     estimate = listen(scene).solve()
     assert (estimate.status, codes(estimate)) == ('closed', [])
@@ -144,7 +145,7 @@ def test_a_wall_that_is_hardly_heard_at_first_order_is_found_by_trying_all_lines
 
 
 @pytest.mark.parametrize(('seed', 'negative'), [(0, 4), (2, 1)])
-def test_rooms_that_turn_the_sign_are_heard_in_phase(seed, negative, listen):
+def test_rooms_that_turn_the_sign_are_heard_in_phase(seed, negative):
     """Whichever sign most walls have."""
     scene = lossy(random_scene(seed, 6))
     assert np.sum(scene.reflection < 0.0) == negative
@@ -155,14 +156,14 @@ def test_rooms_that_turn_the_sign_are_heard_in_phase(seed, negative, listen):
 
 
 @pytest.mark.parametrize(('edges', 'order', 'reflection'), [(5, 4, 1.0), (6, 8, 0.85)])
-def test_no_answer_hinges_on_where_a_simulator_stops(edges, order, reflection, listen):
+def test_no_answer_hinges_on_where_a_simulator_stops(edges, order, reflection):
     scene = dataclasses.replace(random_scene(100, edges), order=order, reflection=reflection)
     estimate = listen(scene).solve()
     assert compare(estimate.polygon.vertices, scene.vertices).right
     assert {caution.code for caution in estimate.cautions} <= {'unheard_corner'}
 
 
-def test_emitter_and_receiver_apart_are_no_error(listen):
+def test_emitter_and_receiver_apart_are_no_error():
     scene = dataclasses.replace(random_scene(5, 5), sensor=SensorParameters(baseline_x_m=0.06, baseline_z_m=0.1))
     estimate = listen(scene).solve()
     assert (estimate.status, codes(estimate)) == ('closed', [])
@@ -175,7 +176,7 @@ def lengths(estimate):
     return np.linalg.norm(np.roll(vertices, -1, axis=0) - vertices, axis=1)
 
 
-def test_a_chirp_in_air_is_heard_without_slivers(listen):
+def test_a_chirp_in_air_is_heard_without_slivers():
     """No edge is shorter than half a wavelength: it would reflect as a point does."""
     scene = air_filled(random_scene(0, 5), 'chirp')
     estimate = listen(scene).solve()
@@ -184,7 +185,7 @@ def test_a_chirp_in_air_is_heard_without_slivers(listen):
     assert lengths(estimate).min() > 0.5 * 343.0 / 20e3
 
 
-def test_a_chirp_in_a_plate_is_right(listen):
+def test_a_chirp_in_a_plate_is_right():
     pulse = PulseParameters(kind='chirp', frequency_hz=1e5, bandwidth_hz=6e4, duration_s=5e-5)
     scene = dataclasses.replace(random_scene(3, 4), pulse=pulse)
     estimate = listen(scene).solve()
@@ -192,7 +193,7 @@ def test_a_chirp_in_a_plate_is_right(listen):
     assert compare(estimate.polygon.vertices, scene.vertices).right
 
 
-def test_magnitudes_are_enough_without_phase(listen):
+def test_magnitudes_are_enough_without_phase():
     """``echo.kind: envelope``: by power alone, and no word of phases."""
     scene = air_filled(random_scene(0, 4))
     magnitudes = np.abs(hilbert(simulate(scene), axis=1)).astype(np.float32)
@@ -202,7 +203,7 @@ def test_magnitudes_are_enough_without_phase(listen):
     assert all(edge.likelihood > 0.9 for edge in estimate.polygon.edges)
 
 
-def test_a_search_that_failed_waits_for_a_tenth_more_pings(hexagon, listen, monkeypatch):
+def test_a_search_that_failed_waits_for_a_tenth_more_pings(hexagon, monkeypatch):
     """Where no lines close, every ping would else cost a whole search."""
     scene, samples, _, _ = hexagon
     searched = []
@@ -231,7 +232,7 @@ def test_pings_that_end_before_the_range_axis_are_no_silence(n_samples, range_ma
     assert compare(estimate.polygon.vertices, scene.vertices).right
 
 
-def test_forgetting_starts_from_scratch(hexagon, listen):
+def test_forgetting_starts_from_scratch(hexagon):
     """Another room after a reset: the first one is no hint."""
     scene, samples, expected, _ = hexagon
     mapper = listen(random_scene(103, 4))
@@ -244,7 +245,7 @@ def test_forgetting_starts_from_scratch(hexagon, listen):
 
 
 @pytest.mark.parametrize(('edges', 'seed', 'width'), [(5, 410, 0.05), (6, 411, 0.03), (4, 415, 0.03), (3, 408, 0.03)])
-def test_of_a_polygon_and_its_mirror_image_the_better_one_is_found(edges, seed, width, listen):
+def test_of_a_polygon_and_its_mirror_image_the_better_one_is_found(edges, seed, width):
     """A path hardly wider than a straight one: power cannot tell the two apart, phase can."""
     scene = KINDS['straight'].make(seed, edges).scene
     poses = scene.poses.copy()
@@ -256,7 +257,7 @@ def test_of_a_polygon_and_its_mirror_image_the_better_one_is_found(edges, seed, 
 
 
 @pytest.mark.parametrize(('edges', 'seed'), [(3, 6002), (4, 6004), (8, 6006)])
-def test_an_edge_as_short_as_two_pulses_is_found(edges, seed, listen):
+def test_an_edge_as_short_as_two_pulses_is_found(edges, seed):
     """A corner cut off by 3 cm, on which hardly a ping has its foot."""
     scene = random_scene(seed, edges)
     vertices = None

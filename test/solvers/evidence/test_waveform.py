@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from heard_scenes import hear, listen, some
+from references import away_from_ends, inside, unfold
 from scipy.interpolate import KroghInterpolator
 from scipy.signal import hilbert
 
@@ -27,7 +29,7 @@ N = 4096
 
 
 @pytest.fixture(scope='module')
-def synthesise(in_pentagon, unfold):
+def synthesise(in_pentagon):
     """Analytic samples (N,) of the echoes within walls, one of 1 m being of norm 1."""
     scene, soft = in_pentagon.scene, in_pentagon.data.soft_m
     synthesis = Synthesis(make_medium(scene.medium), make_pulse(scene.pulse), 2 * N, scene.period_s)
@@ -49,13 +51,13 @@ def synthesise(in_pentagon, unfold):
 
 
 @pytest.fixture(scope='module')
-def pentagon_heard(hear, pentagon, inside):
+def pentagon_heard(pentagon):
     reflection = np.array([1.0, -0.8, 0.7, 1.0, 0.9])
     return hear(pentagon, inside(pentagon, 12), order=3, reflection=reflection, n_samples=N, seed=5)
 
 
 @pytest.fixture(scope='module')
-def overlapping(hear, pentagon, inside, unfold):
+def overlapping(pentagon):
     """Pings that hear two walls a quarter of a cycle of range, 2.5 mm, apart, always the same one first."""
     places = inside(pentagon, 4000)
     first = unfold(polygon_lines(pentagon), places, 1, 0.0)
@@ -65,12 +67,12 @@ def overlapping(hear, pentagon, inside, unfold):
 
 
 @pytest.fixture(scope='module')
-def triangle_heard(hear, triangle, inside):
+def triangle_heard(triangle):
     return hear(triangle, inside(triangle, 12), order=2, n_samples=N, seed=7)
 
 
 @pytest.fixture(scope='module')
-def steady(some, away_from_ends):
+def steady():
     """Of what was heard, the pings that hear no path near the end of a wall: what ends leave is not derived."""
 
     def chosen(heard, order, lines=None):
@@ -126,7 +128,7 @@ def test_equals_the_matched_filter_on_samples(room, order, scale, request, synth
 
 
 @pytest.mark.parametrize('baseline', [(0.05, 0.0, 0.0), (-0.02, 0.04, 0.15)])
-def test_equals_the_matched_filter_for_a_receiver_apart(baseline, hear, pentagon, inside, synthesise):
+def test_equals_the_matched_filter_for_a_receiver_apart(baseline, pentagon, synthesise):
     """Beside and above the emitter; as if both were half way between them, far less would be explained."""
     sensor = SensorParameters(baseline_x_m=baseline[0], baseline_y_m=baseline[1], baseline_z_m=baseline[2])
     heard = hear(pentagon, inside(pentagon, 12), order=3, n_samples=N, seed=5, sensor=sensor)
@@ -253,7 +255,7 @@ def test_information_is_that_of_the_samples(room, order, request, synthesise, st
 
 
 @pytest.mark.parametrize('order', [1, 3])
-def test_the_likelihood_bends_as_the_information_says(order, hear, pentagon, inside, synthesise, steady):
+def test_the_likelihood_bends_as_the_information_says(order, pentagon, synthesise, steady):
     """Without noise, along random directions from the truth, with the phase and all amplitudes at their best."""
     heard = steady(hear(pentagon, inside(pentagon, 20), order=order, clean=True), order)
     likelihood = WaveformLikelihood(heard.data)
@@ -282,7 +284,7 @@ def test_the_likelihood_bends_as_the_information_says(order, hear, pentagon, ins
 
 @pytest.mark.parametrize('baseline', [(0.0, 0.0, 0.0), (0.05, 0.03, 0.04)])
 @pytest.mark.parametrize('seed', range(4))
-def test_signs_and_phase_are_told_from_the_first_order(seed, baseline, hear, pentagon, inside):
+def test_signs_and_phase_are_told_from_the_first_order(seed, baseline, pentagon):
     generator = np.random.default_rng(seed)
     reflection = generator.uniform(0.5, 1.0, 5) * np.where(np.arange(5) == generator.integers(5), -1.0, 1.0)
     reflection[reflection < 0.0] *= 0.3 if seed % 2 else 1.0
@@ -309,7 +311,7 @@ def test_refining_returns_to_the_walls(in_pentagon):
 
 
 @pytest.mark.parametrize('shift_m', [-2e-4, 1e-4])
-def test_refining_does_not_stop_where_range_and_phase_trade(shift_m, hear, triangle, inside):
+def test_refining_does_not_stop_where_range_and_phase_trade(shift_m, triangle):
     """All walls further out by the same and the phase turned to match: the first order hardly tells."""
     heard = hear(triangle, inside(triangle, 60), seed=11)
     likelihood = WaveformLikelihood(heard.data)
@@ -361,7 +363,7 @@ def test_the_truth_leaves_noise(in_pentagon):
 
 
 @pytest.mark.parametrize(('order', 'reflection'), [(3, 1.0), (4, 1.0), (8, 0.9)])
-def test_orders_that_a_simulation_leaves_out_have_no_strength(order, reflection, listen):
+def test_orders_that_a_simulation_leaves_out_have_no_strength(order, reflection):
     """Of those that it has, all have the same, and nothing is left but noise."""
     scene = dataclasses.replace(random_scene(202, 4), order=order, reflection=reflection, snr_db=10.0)
     mapper = listen(scene)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import shapely
+from references import bounded_area
 
 from polymap_ros.geometry.overlap import Region
 from polymap_ros.maps.beamforming import BeamformingMap
@@ -122,23 +123,23 @@ def check_against_oracle(parameters, evidence, area_of, iterations):
 
 
 @pytest.mark.parametrize('seed', [1, 2])
-def test_every_decision_is_that_of_the_oracle(heard, bounded_area, seed):
+def test_every_decision_is_that_of_the_oracle(heard, seed):
     check_against_oracle(parameters_for(heard, seed=seed), evidence_of(heard), bounded_area, 300)
 
 
-def test_every_decision_is_that_of_the_oracle_on_a_window_of_angles(window, bounded_area):
+def test_every_decision_is_that_of_the_oracle_on_a_window_of_angles(window):
     check_against_oracle(*window, bounded_area, 100)
 
 
 @pytest.mark.parametrize(('size_m', 'size_deg'), [(0.0, 0.0), (0.3, 360.0), (0.0123, 7.7)])
-def test_every_decision_is_that_of_the_oracle_for_other_neighbourhoods(heard, bounded_area, size_m, size_deg):
+def test_every_decision_is_that_of_the_oracle_for_other_neighbourhoods(heard, size_m, size_deg):
     parameters = parameters_for(heard, neighbourhood_m=size_m, neighbourhood_deg=size_deg, max_edges=6)
     check_against_oracle(parameters, evidence_of(heard), bounded_area, 60)
 
 
 @pytest.mark.parametrize('angles', [(0.0, 360.0), (-20.0, 250.0)])
 @pytest.mark.parametrize(('size_m', 'size_deg'), [(0.0, 0.0), (0.1, 50.0), (0.31, 70.0), (2.0, 7.0)])
-def test_every_decision_is_that_of_the_oracle_on_a_small_map(angles, size_m, size_deg, bounded_area):
+def test_every_decision_is_that_of_the_oracle_on_a_small_map(angles, size_m, size_deg):
     """Noise heard at a few places, on some hundred cells: quick without compilation, too."""
     parameters = Parameters().replaced({
         'grid.range_max_m': 0.9, 'grid.range_step_m': 0.03, 'grid.angle_step_deg': 15.0,
@@ -230,7 +231,7 @@ def test_without_a_free_area_nothing_is_filtered_and_no_polygon_is_claimed(heard
     assert [caution.code for caution in estimate.cautions] == ['no_free_area']
 
 
-def test_a_plate_of_a_thousandth_is_solved_alike(heard, bounded_area):
+def test_a_plate_of_a_thousandth_is_solved_alike(heard):
     """The same evidence with all lengths in millimetres called metres gives the same cells."""
     scale = 1e-3
     parameters = heard.parameters.replaced({
