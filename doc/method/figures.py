@@ -28,8 +28,7 @@ from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene, clearance
 from polymap_ros.simulation.waveforms import noise_free, pings
 from polymap_ros.solvers.evidence.moves.start import starts
-from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 from polymap_ros.solvers.evidence.wave_sums import Echoes, predict
 from polymap_ros.solvers.paper.annealing import Landscape, cost_of
@@ -333,6 +332,8 @@ def search() -> Figure:
         axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), title=title)
         axes.set_aspect('equal')
     panels[1].legend(loc='upper left')
+    figure.supxlabel('x [m]')
+    figure.supylabel('y [m]')
     return figure
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from figures import heard
 
 from polymap_ros import load_scene
-from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.solver import search_of
+from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 
 SCENES = 'pentagon', 'quadrilateral'

@@ -1,4 +1,4 @@
-"""Media: how a wave of one frequency travels, and the transfer function g of eq. (1)."""
+"""Media: how a wave of one frequency travels, as the transfer function g of eq. (1) has it."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -110,14 +110,6 @@ def group_speed(medium: Medium, frequency_hz: ArrayLike) -> NDArray[np.float64]:
     step = 1e-4 * omega
     speed: NDArray[np.float64] = 2.0 * step / (medium.wavenumber(omega + step) - medium.wavenumber(omega - step))
     return speed
-
-
-def transfer(medium: Medium, distance_m: ArrayLike, omega_rad_s: ArrayLike) -> NDArray[np.complex128]:
-    """Transfer function g(d, w) = a(w) d**-p exp(-j k(w) d) over a whole path d > 0 [m]; arguments broadcast."""
-    distance = np.asarray(distance_m, dtype=float)
-    amplitude = medium.excitability(omega_rad_s) * distance**-medium.spreading
-    value: NDArray[np.complex128] = amplitude * np.exp(-1j * medium.wavenumber(omega_rad_s) * distance)
-    return value
 
 
 def make_medium(parameters: MediumParameters) -> Medium:

@@ -13,7 +13,6 @@ from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.polygon_json import encode, plane_axes
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
-FORMATS = ('csv', 'geojson', 'dxf')
 OUTLINE, LABELS = 'POLYMAP_OUTLINE', 'POLYMAP_LABELS'
 """Layers of the drawing."""
 
@@ -44,7 +43,7 @@ def exported(kind: str, estimate: Estimate, frame_id: str, plane: Plane = XY) ->
     Parameters
     ----------
     kind : str
-        One of `FORMATS`.
+        ``csv``, ``geojson`` or ``dxf``.
     estimate : Estimate
         In the odometry's frame. Only csv has something to say where no polygon closes: the walls that are certain.
     frame_id : str

@@ -20,7 +20,6 @@ from polymap_ros.parameters import MediumParameters, PulseParameters
 from polymap_ros.simulation.scenes import Scene, audible_feet
 from polymap_ros.simulation.trajectories import fitted, random_legs, recorded
 
-SHAPES = ('convex', 'right_angled', 'regular', 'needle', 'unequal')
 SPEED_OF_SOUND_M_S = 343.0
 _ROOM_SCALE = 4.0
 _ROOM_DRAWS, _PATH_DRAWS = 1000, 8
@@ -139,7 +138,7 @@ def _covers(vertices: NDArray[np.float64], positions: NDArray[np.float64], recip
 
 def _polygon(generator: np.random.Generator, edges: int, recipe: Recipe) -> NDArray[np.float64] | None:
     """Draw a counter-clockwise polygon of the recipe's shape, size and shortest edge; None if the draw fails."""
-    shape = _SHAPES[recipe.shape](generator, edges)
+    shape = SHAPES[recipe.shape](generator, edges)
     if shape is None:
         return None
     vertices, least_edge = shape
@@ -225,6 +224,6 @@ def _right_angled(generator: np.random.Generator, edges: int) -> _Shape:
     return np.array(vertices), 1.0
 
 
-_SHAPES: dict[str, Callable[[np.random.Generator, int], _Shape]] = {
+SHAPES: dict[str, Callable[[np.random.Generator, int], _Shape]] = {
     'convex': _convex, 'right_angled': _right_angled, 'regular': _regular, 'needle': _needle, 'unequal': _unequal,
 }

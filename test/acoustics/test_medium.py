@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from polymap_ros.acoustics.medium import ConstantSpeed, LambA0, group_speed, make_medium, transfer
+from polymap_ros.acoustics.medium import ConstantSpeed, LambA0, group_speed, make_medium
 from polymap_ros.parameters import MediumParameters
 
 AL_6061, AL, STEEL = (6149.0, 3097.0), (6420.0, 3040.0), (5960.0, 3235.0)
@@ -83,11 +83,12 @@ def test_nothing_travels_at_zero_frequency(plate):
     assert plate.wavenumber(np.ones((2, 3))).shape == (2, 3)
 
 
-def test_transfer_spreads_and_delays(plate):
-    omega, d = 2 * np.pi * np.array([5e4, 1e5]), np.array([[0.5], [2.0]])
-    k = plate.wavenumber(omega)
-    assert transfer(plate, d, omega) == pytest.approx(np.exp(-1j * k * d) / np.sqrt(k * d))
-    assert transfer(ConstantSpeed(343.0), d, omega) == pytest.approx(np.exp(-1j * omega * d / 343.0) / d)
+def test_amplitudes_at_a_metre(plate):
+    """Of g(d, w) = a(w) d**-p exp(-j k(w) d): 1 / sqrt(k) in a plate, 1 in a volume."""
+    omega = 2 * np.pi * np.array([5e4, 1e5])
+    assert plate.excitability(omega) == pytest.approx(plate.wavenumber(omega) ** -0.5)
+    assert ConstantSpeed(343.0).excitability(omega) == pytest.approx(np.ones(2))
+    assert ConstantSpeed(343.0).wavenumber(omega) == pytest.approx(omega / 343.0)
 
 
 def test_make_medium_takes_every_parameter():

@@ -102,7 +102,7 @@ def test_the_same_answer_gives_the_same_drawing():
 
 
 @pytest.mark.parametrize(('kind', 'estimate'), [
-    (kind, estimate) for kind in export.FORMATS for estimate in (AMBIGUOUS, Estimate('open', 'paper'))])
+    (kind, estimate) for kind in ('csv', 'geojson', 'dxf') for estimate in (AMBIGUOUS, Estimate('open', 'paper'))])
 def test_without_a_polygon_there_is_nothing_to_export(kind, estimate):
     assert export.exported(kind, estimate, 'odom') is None
 

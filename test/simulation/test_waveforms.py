@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from polymap_ros.acoustics.medium import make_medium, transfer
+from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.parameters import MediumParameters, PulseParameters
 from polymap_ros.simulation import waveforms
@@ -27,8 +27,9 @@ def plate_echo(distance, n=2048, t0=0.0, longer=64):
     """Echo of one path in the 6 mm plate, over the whole band and a period so long that nothing wraps."""
     n_long = n * longer
     omega = 2.0 * np.pi * np.fft.rfftfreq(n_long, 1e-6)[1:]
-    spectrum = make_pulse(TONE).spectrum(omega) * transfer(make_medium(MediumParameters()), distance, omega)
-    spectrum *= np.exp(1j * omega * t0)
+    medium = make_medium(MediumParameters())
+    spectrum = make_pulse(TONE).spectrum(omega) * medium.excitability(omega) * distance**-0.5
+    spectrum *= np.exp(1j * (omega * t0 - medium.wavenumber(omega) * distance))
     return np.fft.irfft(np.concatenate(([0.0], spectrum)), n_long)[:n] * 1e6
 
 

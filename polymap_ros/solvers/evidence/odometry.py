@@ -29,7 +29,7 @@ FLOOR_M, FLOOR_RAD = 5e-4, 1e-3
 """Errors of an increment, however short: of counting, of rounding, and of the time to which a pose belongs."""
 
 FREEDOM = 4.0
-"""Degrees of freedom of the errors: tails in which a slip of a hundred deviations costs some 40 nats."""
+"""Degrees of freedom of the errors: tails in which an error of a hundred deviations along one axis costs 27 nats."""
 
 _MEDIAN_OF_TWO = 1.386
 """Median of the sum of two squared Gaussians: 2 ln 2."""

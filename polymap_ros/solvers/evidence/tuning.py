@@ -94,8 +94,9 @@ right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it 
 
 EDGE_WORTH = 1.2
 """Times the log likelihood that a law by which edges turn the phase has to be worth where none explains the echoes: a
-free edge's, or a constant 45 or 90 degrees, is worth two to six times what real coefficients are (12 plates each, even
-seeds); where a wall is in the wrong place, any three numbers more gain some percent."""
+free edge's, or 90 degrees either way, to which phases of 45 degrees are near enough, is worth two to six times what
+real coefficients are (12 plates each, even seeds); where a wall is in the wrong place, any three numbers more gain some
+percent."""
 
 ORDERS_WORTH = 1.03
 """Times the log likelihood that strengths of the echoes by order have to be worth: without order 5, which the walls

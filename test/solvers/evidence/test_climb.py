@@ -107,3 +107,40 @@ def test_no_way_leads_up_from_walls_that_bound_nothing(in_pentagon):
     likelihood = PowerLikelihood(in_pentagon.data)
     assert climb(likelihood, None, 3, 8) is None
     assert climb(likelihood, likelihood.initial(1.0), 3, 8) is None
+
+
+class Lomax(PowerLikelihood):
+    """Power whose mean has a gamma distribution of so many degrees: bursts cost nats, and move no wall far."""
+
+    degrees = 4.0
+
+    def evaluate(self, walls, like, order, derive=False):
+        found = super().evaluate(walls, like, order)
+        if found is None:
+            return None
+        heard, power, expected = slice(self.data.first_cell, None), self.data.power, found.expected
+
+        def of(mean):
+            return -np.log(mean) - (self.degrees + 1.0) * np.log1p(power / (self.degrees * mean))
+
+        value = self.data.weight * np.sum((of(expected) - of(np.ones_like(expected)))[:, heard]) + walls.log_prior()
+        if not derive:
+            return replace(found, value=value)
+        weighed = power * (self.degrees + 1.0) / (self.degrees + power / expected)
+        plain = PowerLikelihood(replace(self.data, power=weighed)).evaluate(walls, like, order, derive=True)
+        return replace(found, value=value, slopes=plain.slopes)
+
+
+def test_bursts_move_walls_less_by_a_robust_likelihood_of_power_from_outside(in_pentagon):
+    data, generator = in_pentagon.data, np.random.default_rng(5)
+    struck = generator.random(data.power.shape) < 0.02
+    bad = replace(data, power=np.where(struck, data.power + generator.exponential(300.0, data.power.shape), data.power))
+    off, worst = generator.normal(size=in_pentagon.lines.shape) * 2e-3, {}
+    for kind in (PowerLikelihood, Lomax):
+        likelihood, walls = kind(bad), Walls.convex(in_pentagon.lines + off)
+        start = likelihood.fitted(walls, likelihood.initial(1.0), 3)
+        top = climb(likelihood, likelihood.evaluate(walls, start, 3, derive=True), 3, 15)
+        assert top.value > likelihood.evaluate(walls, start, 3).value
+        worst[kind] = np.abs(top.walls.lines - in_pentagon.lines)[:, 0].max()
+    assert worst[Lomax] < 1e-3
+    assert worst[Lomax] < 0.7 * worst[PowerLikelihood]
