@@ -59,7 +59,8 @@ class Faults(Group):
                                        minimum=-1e6, maximum=1e6)
     odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0, maximum=1e6)
     drift: str = parameter('none', 'wheel odometry as it is, beside the two above: random walks of distance and '
-                           'heading, a share of every turn, and a steady part', choices=('none', *LEVELS))
+                           'heading, a share of every turn, and a steady part; wheels: two that err, each by itself',
+                           choices=('none', *LEVELS))
     slip_m: float = parameter(0.0, 'jump of the reported place, once, in any direction', unit='m', minimum=0.0,
                               maximum=1e6)
     slip_deg: float = parameter(0.0, 'jump of the reported heading there', unit='deg', minimum=-1e6, maximum=1e6)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.simulation.faults import Faults
-from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
+from polymap_ros.simulation.odometry import LEVELS, Drift, Wheels, reported, with_slips
 from polymap_ros.simulation.random_scenes import random_scene
 
 LEGS = np.column_stack((np.arange(41) * 0.25, np.zeros(41), np.zeros(41)))
@@ -46,6 +46,33 @@ def test_every_turn_is_misjudged_by_a_share_of_it_before_the_way_is_driven():
     way = np.arctan2(paths[:, 1, 1], paths[:, 1, 0])
     np.testing.assert_allclose(way, paths[:, 1, 2], atol=1e-12)
     np.testing.assert_allclose(paths[:, 2, 2], paths[:, 1, 2])  # no turn, no error
+
+
+def test_two_wheels_are_put_together_as_those_of_a_robot_that_rolls_bit_by_bit():
+    """Without noise: a turn on the spot, then a thousand short arcs a step."""
+    wheels = Wheels(0.0, 1.002, 0.999, 0.3, 1.02)
+    poses = random_scene(3, 5).poses
+    x, y, heading = poses[0]
+    places = [(x, y)]
+    for step, turn in zip(np.diff(poses[:, :2], axis=0), np.diff(poses[:, 2]), strict=True):
+        relative = np.arctan2(step[1], step[0]) - poses[len(places), 2]  # of the way, to the heading on it
+        heading += 0.15 * turn * (0.999 + 1.002) / (0.3 * 1.02)
+        left, right = np.hypot(*step) * np.array((1.002, 0.999)) / 1000
+        for _ in range(1000):
+            heading += 0.5 * (right - left) / (0.3 * 1.02)
+            x += 0.5 * (left + right) * np.cos(heading + relative)
+            y += 0.5 * (left + right) * np.sin(heading + relative)
+            heading += 0.5 * (right - left) / (0.3 * 1.02)
+        places.append((x, y))
+    found = reported(poses, wheels, np.random.default_rng(1))
+    np.testing.assert_allclose(found[-1, 2], heading, atol=1e-9)
+    np.testing.assert_allclose(found[:, :2], places, atol=1e-6)
+
+
+def test_the_heading_of_two_wheels_errs_as_much_as_the_level_typical():
+    headings = np.rad2deg(drawn(LEGS, LEVELS['wheels'])[:, :, 2])
+    assert np.std(headings[:, 4]) == pytest.approx(LEVELS['typical'].heading_noise_deg, rel=0.15)
+    assert np.mean(headings[:, 40]) / 10.0 == pytest.approx(LEVELS['typical'].heading_deg_m, rel=0.2)
 
 
 def test_a_slip_moves_and_turns_all_that_comes_after_it_once():
