@@ -22,7 +22,6 @@ from polymap_ros.solvers.evidence.tuning import (
     MISFIT,
     PRICE,
     SEARCH_ORDER,
-    WEIGHED,
 )
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
@@ -85,7 +84,7 @@ class Ground:
         share = self.as_modelled(wave)
         if share > ALL_EXPLAINED:
             return share
-        return max(share, _taken_away(self.data, self.wave.by_order(wave, WEIGHED, FAR_ORDER)[1]))
+        return max(share, _taken_away(self.data, self.wave.by_order(wave, FAR_ORDER)[1]))
 
     def as_modelled(self, wave: Wave) -> float:
         """Return the same with each order as strong as the waveform has it, and none that it leaves out."""

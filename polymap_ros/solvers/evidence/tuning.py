@@ -11,10 +11,10 @@ SEARCH_ORDER = 3
 FULL_ORDER = 5
 """Orders of reflection that the waveform explains."""
 
-WEIGHED, FAR_ORDER = 8, 16
-"""By so many orders it is judged what walls leave unexplained, each as strong as fits best, the eighth and all beyond
-alike. With coefficients of 0.8 to 0.95 orders 6 to 8 hold 5 to 23 % of the echoes' power (plates of 1 to 2 m, even
-seeds), in plates of 3 and 4 edges those beyond 5 % and more; the sixteenth is farther than 3 m there."""
+FAR_ORDER = 16
+"""Up to this order it is judged what walls leave unexplained, each order as strong as fits best. With coefficients of
+0.8 to 0.95 orders 6 to 8 hold 5 to 23 % of the echoes' power (plates of 1 to 2 m, even seeds), in plates of 3 and 4
+edges those beyond 5 % and more; the sixteenth is farther than 3 m there."""
 
 ROUNDS = 20
 """Changes in a row, at most."""

@@ -208,19 +208,19 @@ class WaveformLikelihood:
         """Return half the squared magnitude of what the waveform leaves, on the cells of `data.power`."""
         return self._left(self._on_cells() - self._predicted(wave, wave.strengths[:order], 1)[0])
 
-    def by_order(self, wave: Wave, apart: int, order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the strengths (apart,) of the echoes of each order that fit best, none below 0, and what they leave.
+    def by_order(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the strengths (order,) of the echoes of each order that fit best, none below 0, and what they leave.
 
-        The last one is that of all orders from there up to `order`; what is left is as in `residual_power`.
+        That is as in `residual_power`.
         """
         from scipy.optimize import nnls  # takes a tenth of a second to load
 
-        heard, layers = self._on_cells(), self._predicted(wave, np.ones(order), apart)
-        inside = layers[:, :, self.data.first_cell:].reshape(apart, -1)
+        heard, layers = self._on_cells(), self._predicted(wave, np.ones(order), order)
+        inside = layers[:, :, self.data.first_cell:].reshape(order, -1)
         square = np.real(inside.conj() @ inside.T)
         if np.trace(square) == 0.0:  # nothing is predicted within the range
-            return np.zeros(apart), self._left(heard)
-        root = np.linalg.cholesky(square + _FAINT_ORDER * np.trace(square) * np.eye(apart))
+            return np.zeros(order), self._left(heard)
+        root = np.linalg.cholesky(square + _FAINT_ORDER * np.trace(square) * np.eye(order))
         along = np.real(inside.conj() @ heard[:, self.data.first_cell:].ravel())
         strengths, _ = nnls(root.T, np.linalg.solve(root, along))
         return strengths, self._left(heard - np.tensordot(strengths, layers, 1))

@@ -370,7 +370,7 @@ def test_orders_that_a_simulation_leaves_out_have_no_strength(order, reflection)
     search = search_of(mapper.evidence, mapper.parameters)
     walls = Walls(polygon_lines(mapper.start_pose.inverse().apply(scene.vertices)), np.full(4, reflection))
     wave = search.wave.evaluate(walls, search.wave.begun(walls), 2)
-    strengths, left = search.wave.by_order(wave, 8, 8)
+    strengths, left = search.wave.by_order(wave, 8)
     assert strengths[:order] == pytest.approx(np.full(order, strengths[0]), rel=0.1)  # of the eighth little is heard
     assert np.all(strengths[order:] < 0.02 * strengths[0])
     heard = slice(search.data.first_cell, None)

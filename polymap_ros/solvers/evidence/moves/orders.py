@@ -14,6 +14,6 @@ def weigh_orders(ground: Ground, standing: Standing) -> Wave | None:
     if standing.explained < EXPLAINED - ground.uncertainty or ground.as_modelled(wave) > ALL_EXPLAINED:
         return None
     ground.checkpoint()
-    strengths, _ = ground.wave.by_order(wave, FULL_ORDER, FULL_ORDER)
+    strengths, _ = ground.wave.by_order(wave, FULL_ORDER)
     weighed = ground.wave.refine(replace(wave, strengths=strengths, slopes=None), FULL_ORDER)
     return weighed if weighed is not None and weighed.value > ORDERS_WORTH * wave.value else None
