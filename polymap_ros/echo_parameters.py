@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 from polymap_ros.errors import ParameterError
 from polymap_ros.specification import Group, parameter, specifications_of
@@ -51,6 +52,8 @@ class EchoParameters(Group):
     def _check_fields_are_given(self) -> None:
         if not re.fullmatch(r'\w+/msg/\w+', self.type):
             raise ParameterError('echo.type', f'{self.type!r} is no message type; allowed: package/msg/Name')
+        if not self.samples_field and (close := get_close_matches(self.type, A_SCAN_TYPES, 1, 0.8)):
+            raise ParameterError('echo.type', f'{self.type!r} has no fields that are known; did you mean {close[0]}?')
         if not self.samples_field:
             raise ParameterError('echo.samples_field', f"'' names no field; {self.type} is none of "
                                  f'{", ".join(A_SCAN_TYPES)}, so the array that holds its samples is to be named')

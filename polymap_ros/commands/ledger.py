@@ -10,7 +10,8 @@ from pathlib import Path
 
 from polymap_ros.atomic import move_into_place, staging
 from polymap_ros.commands import console
-from polymap_ros.commands.replaying import PROGRAM, Outcome
+from polymap_ros.commands.mapped import PROGRAM
+from polymap_ros.commands.replaying import Outcome
 from polymap_ros.errors import OutputError, UsageError, in_words
 from polymap_ros.results.folder import POLYGON
 
@@ -107,8 +108,12 @@ class Ledger:
         if tuple(first) != COLUMNS:
             raise UsageError(f'{self.path}: is not of an earlier run, and the summary would take its place; move it '
                              'away, or choose another --output')
+        for number, row in enumerate(rows, 2):
+            if len(row) != len(COLUMNS):
+                raise UsageError(f'{self.path}: line {number} has {len(row)} cells, not {len(COLUMNS)}, and would be '
+                                 'lost; mend it, move the file away, or choose another --output')
         folders = {_cell(path.name): path.name for path in self.path.parent.iterdir() if path.is_dir()}
-        found = [(folders.get(_cell(row[0])), row) for row in rows if len(row) == len(COLUMNS)]
+        found = [(folders.get(_cell(row[0])), row) for row in rows]
         return {name: row for name, row in found if name}
 
     def _identity(self, name: str) -> tuple[int, int] | None:

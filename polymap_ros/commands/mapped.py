@@ -2,11 +2,13 @@
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from polymap_ros.commands import calibrating, console
+from polymap_ros.errors import RecordingError
 from polymap_ros.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
     from polymap_ros.recordings.reading import Recording
     from polymap_ros.recordings.replay import Replay
     from polymap_ros.solvers.estimate import Candidate, Estimate
+
+PROGRAM = 'polymap_replay'
+T = TypeVar('T')
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
     from polymap_ros.results.save import map_cautions
 
     name, interval_s = recording.path.name, (arguments.start, arguments.end)
-    truth, true_path = read_truth(recording.path), read_true_path(recording.path)
+    truth, true_path = _of_truth(read_truth, recording.path), _of_truth(read_true_path, recording.path)
     mapper, replay, tape = _heard(recording, parameters, interval_s)
     noted, fit = [], None
     if what := calibrated(arguments):
@@ -83,6 +88,15 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
     estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
     return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
                   truth, true_path)
+
+
+def _of_truth(read: Callable[[Path], T | None], path: Path) -> T | None:
+    """What is known to be true; a file that cannot be read costs the comparison, not the map."""
+    try:
+        return read(path)
+    except RecordingError as error:
+        console.complain(PROGRAM, f'warning: {error}; the map is not compared with it')
+        return None
 
 
 def _in_map_frame(

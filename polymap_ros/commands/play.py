@@ -75,6 +75,8 @@ def _play(options: argparse.Namespace, command_line: list[str]) -> int:
                 if not options.loop:
                     break
             player.flush(FLUSH_S)
+            if not count and recording.faults:
+                raise RecordingError(f'{options.recording}: no message can be read: {recording.faults[0]}')
     console.tell(f'{count} messages played')
     return console.DONE
 

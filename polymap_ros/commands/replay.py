@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from polymap_ros.commands import console
-from polymap_ros.commands.mapped import calibrated
-from polymap_ros.commands.replaying import PROGRAM, Outcome, replayed
+from polymap_ros.commands.mapped import PROGRAM, calibrated
+from polymap_ros.commands.replaying import Outcome, replayed
 from polymap_ros.errors import RecordingError, UsageError
 from polymap_ros.parameters import Parameters
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from polymap_ros.commands import console
-from polymap_ros.commands.mapped import Mapped, map_recording
+from polymap_ros.commands.mapped import PROGRAM, Mapped, map_recording
 from polymap_ros.errors import OutputError, PolymapError, in_words
 from polymap_ros.parameters import Parameters
 
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from polymap_ros.geometry.pose import Pose
     from polymap_ros.results.folder import Entry
 
-PROGRAM = 'polymap_replay'
 _TO_ALIGN = 2
 """Pings by which a path can be brought onto another."""
 

@@ -51,6 +51,15 @@ def _damped(reflection: float) -> Callable[[int, int], Scene]:
     return make
 
 
+def _resonant(quality: float, times: int = 1, **edges: Any) -> Callable[[int, int], Scene]:
+    """A transducer whose centre is -8 to +8 % off, by the seed and the number of edges."""
+    def make(seed: int, count: int) -> Scene:
+        centre = float(np.random.default_rng([seed, count, 8]).uniform(0.92, 1.08))
+        faults = Faults(transducer_q=quality, transducer_centre=centre, transducer_times=times)
+        return dataclasses.replace(random_scene(seed, count), faults=faults, edges=Edges(**edges))
+    return make
+
+
 _ALUMINIUM = MediumParameters()
 _STEEL = MediumParameters(longitudinal_speed_m_s=5960.0, shear_speed_m_s=3235.0)
 
@@ -93,6 +102,11 @@ VARIANTS = {
     'aluminium_as_steel': Variant('aluminium taken for steel', _material(_ALUMINIUM, _STEEL)),
     'free_edge': Variant("a plate's free edges (Kirchhoff), Poisson's ratio of 0.30 not told",
                          _edged(kind='free', poisson=0.30)),
+    'q_3': Variant('a transducer of Q 3, -8 to +8 % off, not told', _resonant(3.0)),
+    'q_5': Variant('the same, Q 5', _resonant(5.0)),
+    'q_10': Variant('the same, Q 10', _resonant(10.0)),
+    'q_5_twice': Variant('the same, Q 5 as emitter and as receiver', _resonant(5.0, 2)),
+    'q_5_free_edge': Variant('the same, Q 5, and free edges', _resonant(5.0, kind='free', poisson=0.30)),
     'phase_45': Variant('every reflection delays the phase by 45 degrees', _edged(delay_deg=45.0)),
     'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
     'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),

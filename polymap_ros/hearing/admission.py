@@ -20,8 +20,8 @@ MAX_STEPS = 1 << 22
 MOST_GAIN_DB = 300.0
 """No device undoes more; beyond, the samples of a ping would be no numbers any longer."""
 
-_UNDERSAMPLED, _FASTER = 2.0, '; sample faster: eight samples a cycle are good, four are enough'
-"""Cycles of the pulse in a sample period up to which the recorder is likelier too slow than the period wrong."""
+_UNDERSAMPLED, _FASTER = 1.0, '; sample faster: eight samples a cycle are good, four are enough'
+"""Cycles of the pulse in a sample period below which the recorder is likelier too slow than the period wrong."""
 
 _FEWEST_PER_CYCLE = 2.0
 """Samples of a cycle of the pulse, below which it is not to be told."""
@@ -80,7 +80,7 @@ class Admission:
             raise BadPing('bad_shape', f'sample period {period_s:g} s from {t0_s:g} s; allowed: finite, period above 0')
         frequency_hz = self._parameters.pulse.frequency_hz
         if self._parameters.echo.kind == 'rf' and not period_s * frequency_hz < 0.5:
-            hint = self._likely_unit(ping) if period_s * frequency_hz > _UNDERSAMPLED else _FASTER
+            hint = self._likely_unit(ping) if period_s * frequency_hz >= _UNDERSAMPLED else _FASTER
             raise BadPing('bad_shape', f'a sample period of {period_s:g} s cannot hold a pulse of {frequency_hz:g} Hz'
                                        f'{hint}')
         own_s = self._pulse_period_s

@@ -11,9 +11,12 @@ from rclpy.logging import LoggingSeverity
 
 from polymap_ros.errors import UsageError
 
-_NOTHING_THERE = ('a key with nothing after or below it: indent its parameters below it, or write such as '
-                  'solver: {method: paper}')
-"""What most likely is wrong where rcl finds no value."""
+_REMEDIES = {
+    'No value at line': '; a key with nothing after or below it: indent its parameters below it, or write such as '
+                        'solver: {method: paper}',
+    'initialize logging': '; set ROS_LOG_DIR to a folder that can be written',
+}
+"""What most likely is wrong, by what rcl says."""
 
 
 def init(name: str, arguments: Sequence[str], **options: Any) -> None:
@@ -39,6 +42,7 @@ def refusals_told() -> Iterator[None]:
         raise UsageError(f'unknown ROS arguments: {error}') from error
     except (RCLError, RCLInvalidROSArgsError) as error:
         told = str(error).partition(', at ')[0]
-        raise UsageError(f'{told}; {_NOTHING_THERE}' if 'No value at line' in told else told) from error
+        remedy = next((remedy for words, remedy in _REMEDIES.items() if words in told), '')
+        raise UsageError(f'{told}{remedy}') from error
     except ParameterException as error:  # such as use_sim_time:=5
         raise UsageError(str(error)) from error

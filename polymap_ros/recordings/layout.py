@@ -1,14 +1,14 @@
 """Which files of a folder are the parts of one recording: by their content, and by their names."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from polymap_ros.errors import RecordingError
 from polymap_ros.recordings.metadata import NAME, Metadata, read_metadata
 from polymap_ros.recordings.sniff import PACKED, READABLE, kind_of, refusal
-from polymap_ros.results.folder import RECORD
+from polymap_ros.results.folder import POLYGON, RECORD
 
 _SUFFIXES = ('.mcap', '.db3')
 _PACKED_SUFFIXES = ('.zstd', '.zst', '.lz4', '.gz')
@@ -74,7 +74,8 @@ def _of_folder(path: Path) -> Layout:
     try:
         names = list(dict.fromkeys(_name_inside(path, name) for name in metadata.names)) if metadata else []
         folders = dict.fromkeys([path, *((path / name).parent for name in names if '/' in name)])
-        kinds = {file: kind_of(file) for folder in folders for file in sorted(folder.iterdir()) if _may_be_data(file)}
+        found = [file for folder in folders for file in sorted(folder.iterdir()) if _may_be_data(file)]
+        kinds = {file: _kind(file, {path / name for name in names}) for file in found}
     except OSError as error:
         raise RecordingError(f'{path}: cannot be read: {error.strerror or error}') from error
     called = [file for file in kinds if _is_called_data(file)]
@@ -105,6 +106,16 @@ def _name_inside(path: Path, name: str) -> str:
     return '/'.join([*folders, last]) if there else last
 
 
+def _kind(file: Path, named: Collection[Path]) -> str:
+    """The kind of a file; one that may not be read, and that nothing says is part of the recording, is none."""
+    try:
+        return kind_of(file)
+    except OSError as error:
+        if file in named or _is_called_data(file):
+            raise RecordingError(f'{file}: cannot be read: {error.strerror or error}') from error
+        return 'unknown'
+
+
 def _may_be_data(file: Path) -> bool:
     """Neither hidden, nor the log of a database, nor a result of a replay, which may lie in the same folder."""
     return (file.is_file() and not file.name.startswith('.') and file.name not in (NAME, RECORD)
@@ -133,6 +144,8 @@ def _found_instead(path: Path, kinds: dict[Path, str]) -> str:
         if file.name.startswith('.') and file.is_file() and kind_of(file) in (*READABLE, *PACKED):
             return (f'; {file.name} is hidden, as rsync leaves what it has not copied to the end: copy the recording '
                     'again, or name that file itself')
+    if (path / POLYGON).is_file():
+        return f'; it holds results of polymap_ros ({POLYGON}), not a recording'
     for file, kind in kinds.items():
         if kind != 'unknown' or file.suffix == '.bag':
             return f', and {file.name} {refusal(file, kind).removeprefix("the file ")}'

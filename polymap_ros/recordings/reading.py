@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
 from polymap_ros.cautions import Caution
+from polymap_ros.echo_parameters import A_SCAN_TYPES
 from polymap_ros.errors import RecordingError
 from polymap_ros.messages.fields import Field
 from polymap_ros.recordings.decompression import plain_message
@@ -105,6 +106,11 @@ class Recording:
         """Time between the first and the last message [s]."""
         return (self.end_ns - self.start_ns) * 1e-9
 
+    @property
+    def faults(self) -> list[str]:
+        """What is damaged, as far as it has been read."""
+        return [*self._faults, *(fault for file in self._files for fault in file.faults)]
+
     def require(self, name: str, type_name: str, parameter: str) -> str:
         """Return the recorded name of topic `name`, which has to be of `type_name` and to hold messages.
 
@@ -132,9 +138,10 @@ class Recording:
                 problem += _FROM_ROS_1 if "'ros1'" in problem else ''
             raise RecordingError(f'{self.path}: {problem}; {advice}')
         if self.topics[found].type_name != type_name:
-            raise RecordingError(
-                f'{self.path}: topic {found} is of type {self.topics[found].type_name}, not {type_name}; {advice}'
-            )
+            kind = self.topics[found].type_name
+            if parameter == 'topics.echo' and kind in A_SCAN_TYPES:
+                advice = f'if these are the echoes, -p echo.type:={kind}; {advice}'
+            raise RecordingError(f'{self.path}: topic {found} is of type {kind}, not {type_name}; {advice}')
         if not self.topics[found].message_count:
             raise RecordingError(f'{self.path}: topic {found} is empty; {advice}')
         if all(found != channel.topic for file in self._files for channel in file.channels):
@@ -230,7 +237,7 @@ class Recording:
         complete : bool
             Whether the pass had no limits of time; only then the numbers are compared.
         """
-        faults = [*self._faults, *(fault for file in self._files for fault in file.faults)]
+        faults = self.faults
         found = [Caution('recording_damaged', _some(faults))] if faults else []
         if self._remarks:
             found.append(Caution('recording_inconsistent', _some(self._remarks)))

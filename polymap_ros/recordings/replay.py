@@ -187,6 +187,9 @@ class Replay:
         path = self._recording.path
         received = {self.odom_topic: self.odometry.received, self.echo_topic: self.echoes}
         for topic, number in received.items():
+            if not number and self._recording.faults:
+                raise RecordingError(f'{path}: no message of {topic} can be read: {self._recording.faults[0]}; copy '
+                                     'the recording again from where it was made')
             if not number:
                 duration_s = self._recording.duration_s
                 raise RecordingError(f'{path}: no message of {topic} between --start and --end; the recording is '

@@ -31,7 +31,7 @@ def read_truth(recording: Path) -> NDArray[np.float64] | None:
     try:
         vertices = np.array(json.loads(read_small(path))['vertices'], dtype=float)
     except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise RecordingError(f'{path}: is no ground truth ({type(error).__name__}: {error})') from error
+        raise RecordingError(f'{path}: is no ground truth: allowed: {{"vertices": [[x, y], ...]}}') from error
     if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
         raise RecordingError(f'{path}: vertices of shape {vertices.shape}; allowed: at least three finite [x, y]')
     x, y = vertices.T
@@ -55,7 +55,8 @@ def read_true_path(recording: Path) -> tuple[NDArray[np.int64], NDArray[np.float
         stamps = np.array([_nanoseconds(row[0]) for row in rows], np.int64)
         numbers = np.array([[float(word) for word in row[1:]] for row in rows]).reshape(len(rows), -1)
     except (OSError, UnicodeDecodeError, ValueError, OverflowError) as error:
-        raise RecordingError(f'{path}: is no path in the TUM format ({type(error).__name__}: {error})') from error
+        raise RecordingError(f'{path}: is no path in the TUM format: allowed: lines of a stamp and seven '
+                             'numbers') from error
     if len(rows) and (numbers.shape[1] != 7 or not np.isfinite(numbers).all() or np.any(np.diff(stamps) <= 0)):
         raise RecordingError(f'{path}: allowed: lines of a stamp, which increases, and seven finite numbers')
     if not len(rows):

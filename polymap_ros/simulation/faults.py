@@ -55,6 +55,10 @@ class Faults(Group):
                                      'there is none', minimum=0.0, maximum=1e6)
     impulse_width: float = parameter(0.0, 'their width (standard deviation); 0: one sample each', unit='samples',
                                      minimum=0.0, maximum=1e3)
+    transducer_q: float = parameter(0.0, 'quality of a resonant transducer that the pulse goes through; 0: none',
+                                    minimum=0.0, maximum=1e3)
+    transducer_centre: float = parameter(1.0, "its frequency over the pulse's", above=0.0, maximum=100.0)
+    transducer_times: int = parameter(1, 'how often: twice where emitter and receiver are alike', minimum=1, maximum=4)
     yaw_drift_deg_m: float = parameter(0.0, 'turn of the reported heading per metre travelled', unit='deg/m',
                                        minimum=-1e6, maximum=1e6)
     odometry_scale: float = parameter(1.0, 'reported over true distance', above=0.0, maximum=1e6)

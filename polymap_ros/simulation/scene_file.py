@@ -154,16 +154,18 @@ def _trajectory(
             raise SceneError('trajectory: start must be [x, y, yaw_deg] and legs a list of [turn_deg, length_m]')
         first = (float(start[0]), float(start[1]), float(np.deg2rad(start[2])))
         return legs(first, np.deg2rad(turns[:, 0]).tolist(), turns[:, 1].tolist(), _number(body, 'step_m'))
+    drive, drawn = ['recording', 'topic', 'pings', 'clearance_m', 'turn_deg'], ['pings', 'step_m', 'clearance_m']
+    _check_keys(body, ['start', 'legs', *drive, *drawn], 'trajectory')
     count, clearance = int(_number(body, 'pings')), _number(body, 'clearance_m')
     check_count(count)
     if 'recording' in body:
-        _check_keys(body, ['recording', 'topic', 'pings', 'clearance_m', 'turn_deg'], 'trajectory')
+        _check_keys(body, drive, 'trajectory')
         if read_path is None:
             raise SceneError('trajectory: recording cannot be read here')
         path = read_path(folder / _expanded(str(body['recording'])), str(body.get('topic', 'odom')))
         turn = np.deg2rad(_number(body, 'turn_deg')) if 'turn_deg' in body else 0.0
         return fitted(recorded(path, count), vertices, clearance, float(turn))
-    _check_keys(body, ['pings', 'step_m', 'clearance_m'], 'trajectory')
+    _check_keys(body, drawn, 'trajectory')
     generator = np.random.default_rng([seed, _PATH_STREAM])
     if not (step_m := _number(body, 'step_m')) > 0.0:
         raise SceneError(f'trajectory: step_m must be above 0, found {step_m!r}')

@@ -17,10 +17,10 @@ from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_ec
 from polymap_ros.simulation.interference import INTERFERENCE_STREAM, interference
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
+from polymap_ros.simulation.transducer import Transduced
 
 BAND_FLOOR = 1e-3
 """Frequencies at which the echo is weaker than this, relative to its strongest, are left out."""
-
 
 Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there;
@@ -97,9 +97,17 @@ def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]
 def _synthesised(
     scene: Scene, medium: Medium, paths: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
 ) -> NDArray[np.float64]:
-    pulse = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s)
-    synthesis = Synthesis(medium, pulse, scene.n_samples, scene.period_s, scene.t0_s)
+    synthesis = Synthesis(medium, emitted(scene), scene.n_samples, scene.period_s, scene.t0_s)
     return np.array([synthesis(*path) for path in paths])
+
+
+def emitted(scene: Scene) -> Pulse:
+    """Return the pulse as the medium has it."""
+    pulse, faults = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s), scene.faults
+    if faults.transducer_q == 0.0:
+        return pulse
+    centre_hz = faults.transducer_centre * scene.pulse.frequency_hz
+    return Transduced(pulse, faults.transducer_q, centre_hz, faults.transducer_times)
 
 
 def _clutter(scene: Scene, clean: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -108,7 +116,7 @@ def _clutter(scene: Scene, clean: NDArray[np.float64]) -> NDArray[np.float64]:
     if not (faults.direct_wave or faults.clutter):
         return total
     medium = make_medium(scene.medium)
-    pulse_s = make_pulse(scene.pulse, scene.recorded_pulse, scene.period_s).duration_s
+    pulse_s = emitted(scene).duration_s
     pulse_m = 0.5 * pulse_s * float(group_speed(medium, scene.pulse.frequency_hz))
     loud = np.median(np.abs(clean).max(axis=1))
     fixed = np.array([2.0 * faults.clutter_m]), np.ones(1)

@@ -10,6 +10,7 @@ import sys
 
 import numpy as np
 import pytest
+from damage import raw_messages, write_mcap
 
 from polymap_ros.commands import console
 from polymap_ros.recordings.writing import make
@@ -95,7 +96,36 @@ def test_what_is_left_of_a_recording_is_mapped_with_a_warning(call, triangle, tm
 def test_a_truth_that_is_none(call, altered, tmp_path):
     path = altered(lambda topic, index, message: [(topic, message)])
     (path / 'truth.json').write_text('{"vertices": "triangle"}')
-    assert 'truth.json: is no ground truth' in refused(call, tmp_path, path)
+    (path / 'truth.tum').write_text('1 2 3')
+    done = call('replay', *FAST, path, '--output', 'out')
+    told = [line for line in done.err.splitlines() if 'the map is not compared with it' in line]
+    assert ['truth.json: is no ground truth' in told[0], 'truth.tum: ' in told[1], len(told)] == [True, True, 2]
+    assert 'against the truth' not in done.out
+    assert (tmp_path / 'out' / 'polygon.json').exists()
+
+
+def test_a_recording_of_which_every_chunk_is_damaged_is_told_as_that(call, triangle, tmp_path):
+    file = write_mcap(tmp_path / 'other.mcap', raw_messages(triangle), crcs=False)
+    content = file.read_bytes()
+    assert b'\x04\x00\x00\x00zstd' in content
+    file.write_bytes(content.replace(b'\x04\x00\x00\x00zstd', b'\x04\x00\x00\x00brot'))
+    told = refused(call, tmp_path, 'other.mcap')
+    assert told.startswith('other.mcap: no message of /odom can be read: other.mcap: the chunk at byte ')
+    assert '--start' not in told
+
+
+def test_results_given_as_a_recording_are_called_so(call, tmp_path):
+    (tmp_path / 'results').mkdir()
+    (tmp_path / 'results' / 'polygon.json').write_text('{}')
+    assert 'it holds results of polymap_ros (polygon.json), not a recording' in refused(call, tmp_path, 'results')
+
+
+def test_echoes_of_another_type_that_is_known_are_told_with_the_parameter(call, altered, tmp_path):
+    image = make('sensor_msgs/msg/Image')
+    path = altered(only('/echo', lambda index, message: image))
+    assert 'if these are the echoes, -p echo.type:=sensor_msgs/msg/Image; ' in refused(call, tmp_path, path)
+    assert 'did you mean sensor_msgs/msg/PointCloud2?' in refused(
+        call, tmp_path, path, '-p', 'echo.type:=sensor_msgs/msg/PointClod2')
 
 
 def test_files_that_are_not_of_an_earlier_run_are_not_replaced(call, triangle, tmp_path):

@@ -65,6 +65,12 @@ def test_a_summary_of_somebody_else_is_not_replaced(tmp_path, drives):
         Ledger(tmp_path, drives)
     summary.rmdir()
     Ledger(tmp_path, drives).add(outcome(next(iter(drives))))
+    written = summary.read_text()
+    summary.write_text(written.rstrip('\n') + ',9\n')
+    with pytest.raises(UsageError, match=r'summary.csv: line 2 has 9 cells, not 8, and would be lost; mend it'):
+        Ledger(tmp_path, drives)
+    summary.unlink()
+    Ledger(tmp_path, drives).add(outcome(next(iter(drives))))
     Ledger(tmp_path, drives)  # of an earlier run
     assert rows(summary) == []
 

@@ -52,7 +52,7 @@ def test_a_page_that_cannot_be_made_costs_itself_only(call, triangle, tmp_path, 
 
 def test_without_jinja_it_is_refused_before_the_work(call, triangle, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, 'jinja2', None)
-    monkeypatch.setattr(replay, 'attempt', lambda *_: pytest.fail('began to work'))
+    monkeypatch.setattr(replay, 'replayed', lambda *_: pytest.fail('began to work'))
     done = call('replay', triangle, '--report', '--output', 'a')
     assert done.status == 2
     assert done.complaint == "polymap_replay: error: --report needs Jinja2: pip install 'polymap_ros[report]'"
@@ -93,7 +93,7 @@ def test_an_index_is_over_the_pages_of_earlier_runs_too(call, triangle, tmp_path
 
 
 def test_an_index_that_is_not_ours_stays(call, triangle, tmp_path, monkeypatch):
-    monkeypatch.setattr(replay, 'attempt', lambda *_: pytest.fail('began to work'))
+    monkeypatch.setattr(replay, 'replayed', lambda *_: pytest.fail('began to work'))
     theirs = tmp_path / 'a' / 'index.html'
     theirs.parent.mkdir()
     theirs.write_text('<h1>My site</h1>')
@@ -106,7 +106,7 @@ def test_an_index_that_is_not_ours_stays(call, triangle, tmp_path, monkeypatch):
 
 
 def test_a_recording_that_is_called_like_the_index_is_refused_before_the_work(call, triangle, tmp_path, monkeypatch):
-    monkeypatch.setattr(replay, 'attempt', lambda *_: pytest.fail('began to work'))
+    monkeypatch.setattr(replay, 'replayed', lambda *_: pytest.fail('began to work'))
     (tmp_path / 'index.html').symlink_to(triangle)
     done = call('replay', triangle, 'index.html', '--report', '--output', 'a')
     assert (done.status, (tmp_path / 'a').exists()) == (2, False)
@@ -114,7 +114,7 @@ def test_a_recording_that_is_called_like_the_index_is_refused_before_the_work(ca
 
 
 def test_an_index_that_cannot_be_removed_is_told_before_the_work(call, triangle, tmp_path, monkeypatch):
-    monkeypatch.setattr(replay, 'attempt', lambda *_: pytest.fail('began to work'))
+    monkeypatch.setattr(replay, 'replayed', lambda *_: pytest.fail('began to work'))
     index = tmp_path / 'a' / 'index.html'
     index.parent.mkdir()
     index.write_text('<meta name="generator" content="polymap_ros">')
@@ -149,14 +149,14 @@ def test_an_index_that_cannot_be_written_costs_itself_only(call, triangle, tmp_p
 def test_an_interruption_leaves_the_index_of_what_is_over(call, triangle, tmp_path, monkeypatch):
     other = tmp_path / 'other'
     other.symlink_to(triangle)
-    first = replay.attempt
+    first = replay.replayed
 
     def attempt(path, *rest):
         if path == other:
             raise KeyboardInterrupt
         return first(path, *rest)
 
-    monkeypatch.setattr(replay, 'attempt', attempt)
+    monkeypatch.setattr(replay, 'replayed', attempt)
     done = call('replay', triangle, other, *QUICK, '--report', '--output', 'a')
     assert done.status == 130
     text = (tmp_path / 'a' / 'index.html').read_text()

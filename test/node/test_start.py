@@ -89,3 +89,10 @@ def test_wrong_option_is_one_line_and_status_2(start):
     node = start('--parameters', 'x', ready='')
     assert node.end() == 2
     assert len(node.lines) == 1
+
+
+def test_a_folder_for_the_log_that_cannot_be_is_told_with_the_remedy(start, monkeypatch):
+    monkeypatch.setenv('ROS_LOG_DIR', '/dev/null/log')
+    node = start('--ros-args', ready='')
+    assert node.end() == 2
+    assert 'set ROS_LOG_DIR to a folder that can be written' in node.lines[-1]

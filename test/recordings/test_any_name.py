@@ -20,6 +20,7 @@ from mcap.writer import Writer
 from ruamel.yaml import YAML
 
 from polymap_ros.errors import RecordingError
+from polymap_ros.recordings import layout
 from polymap_ros.recordings.reading import Recording
 from polymap_ros.recordings.storage import full_type_name
 from polymap_ros.recordings.writing import make, typestore
@@ -548,3 +549,24 @@ def test_a_folder_of_recordings_names_them(write_recording):
 def test_a_broken_link(tmp_path):
     (tmp_path / 'run.mcap').symlink_to('gone.mcap')
     assert 'is a link to gone.mcap, which is not there' in refusal(tmp_path / 'run.mcap')
+
+
+def test_a_file_beside_it_that_may_not_be_read_costs_nothing(write_recording, monkeypatch):
+    """As root everything may be read, so it is said that it may not."""
+    path = write_recording()
+    for name in ('notes.txt', 'other.mcap'):
+        (path / name).write_text('mine')
+    given = layout.kind_of
+
+    def kind_of(file):
+        if file.name in barred:
+            raise PermissionError(13, 'Permission denied', str(file))
+        return given(file)
+
+    monkeypatch.setattr(layout, 'kind_of', kind_of)
+    barred = {'notes.txt'}
+    with Recording.open(path) as recording:
+        assert recording.topics['/echo'].message_count
+    barred = {'other.mcap'}
+    with pytest.raises(RecordingError, match=r'other\.mcap: cannot be read: Permission denied'), Recording.open(path):
+        pass

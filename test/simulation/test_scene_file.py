@@ -104,6 +104,8 @@ trajectory: {recording: drive, topic: /wheels, pings: 20, clearance_m: 0.1, turn
     ('vertices: [[0, 1], [1, 1]]\ntrajectory: {pings: 3, step_m: 0.1, clearance_m: 0.1}', 'vertices'),
     (ROOM + 'trajectory: {pings: 30, step_m: 0.1, clearance_m: 0.6}', 'no path of 30 pings'),
     (ROOM + 'trajectory: {pings: 30, step_m: 0.1}', 'clearance_m must be a number'),
+    (ROOM + 'trajectory: {pings: 3, step_m: 0.1, clearence_m: 0.1}', 'no key clearence_m; did you mean clearance_m'),
+    (ROOM + 'trajectory: {leg: [[0, 0.2]], start: [0.5, 0.5, 0], step_m: 0.1}', 'no key leg; did you mean legs'),
     (ROOM + 'trajectory: {recording: drive, pings: 30, clearance_m: 0.1}', 'recording cannot be read'),
     (ROOM + 'trajectory: {legs: [[0, 1]], start: [0.5, 0.5], step_m: 0.1}', 'start must be'),
     (ROOM + 'trajectory: {legs: [[0, -1]], start: [0.5, 0.5, 0], step_m: 0.1}', 'lengths above 0'),

@@ -4,14 +4,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.parameters import MediumParameters, PulseParameters
 from polymap_ros.simulation import waveforms
+from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
-from polymap_ros.simulation.waveforms import Synthesis, noise_free, simulate
+from polymap_ros.simulation.waveforms import Synthesis, emitted, noise_free, simulate
 
 WATER = MediumParameters(model='constant', speed_m_s=1480.0)
 TONE = PulseParameters()
@@ -136,3 +138,25 @@ def test_the_same_scene_gives_the_same_samples_and_another_seed_other_noise():
     np.testing.assert_array_equal(simulate(scene), simulate(random_scene(1, 4)))
     other = dataclasses.replace(scene, seed=99)
     assert np.abs(np.corrcoef(scene.noise()[0], other.noise()[0])[0, 1]) < 0.1
+
+
+def test_a_resonant_transducer_rings_as_its_differential_equation_says():
+    """y'' + (w0 / Q) y' + w0^2 y = (w0 / Q) s', integrated step by step (Runge and Kutta)."""
+    quality, centre_hz = 5.0, 0.94e5
+    scene = dataclasses.replace(random_scene(1, 4), faults=Faults(transducer_q=quality, transducer_centre=0.94))
+    pulse, w0, period_s = make_pulse(TONE), 2.0 * np.pi * centre_hz, 1e-6
+    fine = pulse.samples(period_s / 40.0)
+    times = np.arange(len(fine)) * period_s / 40.0
+
+    def excitation(t):
+        return np.interp(t, times, fine, right=0.0)
+
+    def slope(t, state):
+        # State: y and its integral times w0^2, so that no derivative of the excitation is needed.
+        y, z = state
+        return np.array((w0 / quality * (excitation(t) - y) - z, w0**2 * y))
+
+    solved = solve_ivp(slope, (0.0, 1.2e-4), np.zeros(2), max_step=period_s / 20.0, rtol=1e-8, atol=1e-10,
+                       t_eval=np.arange(0.0, 1.2e-4, period_s))
+    found = emitted(scene).samples(period_s)[:len(solved.t)]
+    np.testing.assert_allclose(found, solved.y[0], atol=2e-3 * np.abs(solved.y[0]).max())
