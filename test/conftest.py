@@ -67,13 +67,25 @@ HEAVY = {
     'test_in_a_map_frame_path_and_polygon_stay_where_they_are', 'test_growth_over_what_may_grow',
     'test_kill_at_any_moment_of_a_save_leaves_whole_results_only', 'test_carried_away_it_is_found_elsewhere',
     'test_beside_a_straight_path_a_silent_wall_leaves_the_polygon_open',
-    'test_that_more_edges_are_certain_than_are_allowed_is_told', 'test_a_recording_is_localised_in_a_map'}
-"""Tests of a quarter of a minute and more, together a third of the time: ``pytest -m heavy`` runs them."""
+    'test_that_more_edges_are_certain_than_are_allowed_is_told', 'test_a_recording_is_localised_in_a_map',
+    'test_paths_of_real_wheels', 'test_the_medium_is_found_and_its_file_used_next_time',
+    'test_a_scene_is_mapped_and_told_in_a_row', 'test_a_ping_that_belongs_nowhere_is_lost_and_costs_nothing_else',
+    'test_the_thickness_is_found_and_named', 'test_who_is_told_which_of_both_goes_on_there',
+    'test_what_is_known_of_the_odometry_is_taken_out_of_places_and_path',
+    'test_every_recording_has_its_result_though_a_worker_is_killed', 'test_a_slip_is_told_with_its_time_and_size',
+    'test_of_a_polygon_and_its_mirror_image_the_better_one_is_found',
+    'test_a_reset_forgets_the_pose_and_not_the_map', 'test_a_wrong_time_zero_is_found_to_a_fraction_of_a_microsecond',
+    'test_after_a_restart_elsewhere_the_robot_is_found_and_the_map_goes_on', 'test_scale_and_drift_are_found_and_named',
+    'test_a_recording_may_have_more_parts_than_a_process_may_have_files_at_first'}
+"""Tests of ten seconds and more, together half of the time: ``pytest -m heavy`` runs them."""
 
 HERE = Path(__file__).parent
 
 
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
+    unknown = HEAVY - {item.originalname for item in items}
+    if len(config.args) == 1 and config.args[0] == config.getini('testpaths')[0] and unknown:
+        raise pytest.UsageError(f'HEAVY names tests that there are not: {", ".join(sorted(unknown))}')
     for item in items:
         if item.originalname in HEAVY:
             item.add_marker(pytest.mark.heavy)
