@@ -82,10 +82,7 @@ HEAVY = {
 HERE = Path(__file__).parent
 
 
-def pytest_collection_modifyitems(config, items):
-    unknown = HEAVY - {item.originalname for item in items}
-    if len(config.args) == 1 and config.args[0] == config.getini('testpaths')[0] and unknown:
-        raise pytest.UsageError(f'HEAVY names tests that there are not: {", ".join(sorted(unknown))}')
+def pytest_collection_modifyitems(items):
     for item in items:
         if item.originalname in HEAVY:
             item.add_marker(pytest.mark.heavy)

@@ -244,3 +244,12 @@ def imported(*modules):
     run = subprocess.run([sys.executable, '-c', f'import sys, {", ".join(modules)}; print(*sys.modules)'],
                          capture_output=True, text=True, check=True, timeout=60)
     return set(run.stdout.split())
+
+
+def test_tests_that_are_called_heavy_are_there():
+    tests = Path(__file__).parent
+    listed = next(ast.literal_eval(node.value) for node in ast.parse((tests / 'conftest.py').read_text()).body
+                  if isinstance(node, ast.Assign) and is_name(node.targets[0], 'HEAVY'))
+    found = {node.name for path in tests.rglob('test_*.py') for node in ast.parse(path.read_text()).body
+             if isinstance(node, ast.FunctionDef)}
+    assert listed - found == set()
