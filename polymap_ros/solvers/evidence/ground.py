@@ -94,7 +94,7 @@ class Ground:
         """Return the waveform's maximum near refined walls of power, from the first order up.
 
         By the law of `edge`; where none is given by the first of `edges`, or where that leaves much unexplained by one
-        of the others that is worth far more.
+        of the others that is worth far more, or leaves nothing.
         """
         if edge is not None:
             return self._aligned(power, edge)
@@ -106,9 +106,14 @@ class Ground:
         for law in others:
             self.checkpoint()
             turned = self._aligned(power, law.freed())
-            if turned is not None and turned.value > least:
+            if turned is not None and (turned.value > least or self._is_all(turned, best)):
                 best, least = turned, turned.value
         return best
+
+    def _is_all(self, wave: Wave, other: Wave | None) -> bool:
+        """Whether a waveform is worth more than another and leaves nothing to explain, by few pings if they say so."""
+        better = other is None or wave.value > other.value
+        return better and self.explained(wave, ALL_EXPLAINED) > ALL_EXPLAINED
 
     def _aligned(self, power: Power, edge: EdgePhase) -> Wave | None:
         wave = self.wave.refine(self.wave.begun(power.walls, edge.held()), 1)

@@ -92,6 +92,10 @@ EXPLAINED = 0.95
 """Share of the echoes' power that a polygon has to explain, less three standard deviations of what is measured: the
 right polygons of random plates explain 0.97 or more; with S0 10 dB below A0 it is 0.91, and most wrong ones less."""
 
+PHASED = 0.85
+"""Share of the echoes' power from which phases of reflections are looked for: real coefficients explain 0.9 and more
+where each wall turns the phase by up to 45 degrees."""
+
 EDGE_WORTH = 1.2
 """Times the log likelihood that a law by which edges turn the phase has to be worth where none explains the echoes: a
 free edge's, or 90 degrees either way, to which phases of 45 degrees are near enough, is worth two to six times what

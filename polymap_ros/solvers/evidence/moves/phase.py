@@ -5,7 +5,14 @@ from dataclasses import replace
 from polymap_ros.solvers.evidence.edge_phase import REAL
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.standing import Standing
-from polymap_ros.solvers.evidence.tuning import EDGE_MISFIT, EDGE_PRICE, EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import (
+    ALL_EXPLAINED,
+    EDGE_MISFIT,
+    EDGE_PRICE,
+    EXPLAINED,
+    FULL_ORDER,
+    PHASED,
+)
 from polymap_ros.solvers.evidence.waveform import Wave
 
 
@@ -15,7 +22,7 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
     """
     wave = standing.wave
     known = ground.edges == (REAL,) or wave.edge.by_wall
-    if known or standing.explained < EXPLAINED:  # below, it may be a wall that is wrong
+    if known or standing.explained < PHASED:
         return None
     least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
     for by_wall in (False, True):
@@ -27,5 +34,8 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
         if turned is not None and turned.value > wave.value + least:
             # It may only have led the walls on.
             plain = ground.wave.refine(replace(turned, edge=wave.edge, slopes=None), FULL_ORDER)
-            return plain if plain is not None and plain.value > turned.value - least else turned
+            better = plain if plain is not None and plain.value > turned.value - least else turned
+            # Where much was left, it may be a wall that is wrong: then phases do not explain all of it.
+            if standing.explained >= EXPLAINED or ground.explained(better) > ALL_EXPLAINED:
+                return better
     return None
