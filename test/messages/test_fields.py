@@ -87,8 +87,10 @@ def test_parameters_that_can_never_work_are_refused_at_once(given, name):
 
 def test_an_unknown_type_without_a_field_is_told_the_known_ones():
     with pytest.raises(ParameterError) as refused:
-        EchoParameters(type='sensor_msgs/msg/LaserScn')
+        EchoParameters(type='sonar_msgs/msg/Ping')
     assert all(name in str(refused.value) for name in A_SCAN_TYPES)
+    with pytest.raises(ParameterError, match=r'did you mean sensor_msgs/msg/LaserScan\?'):
+        EchoParameters(type='sensor_msgs/msg/LaserScn')
 
 
 def test_the_four_types_need_no_check():
