@@ -108,7 +108,8 @@ CAUTIONS = {
         'map is of this place'),
     'incoherent': Kind(
         'answer', 'the echoes agree in power, not in phase: medium, time zero or positions are off',
-        'check medium, time zero and odometry: polymap_replay --calibrate, --fit-time-zero and --fit-odometry tell'),
+        'check medium, pulse, time zero and odometry: polymap_replay --calibrate, --fit-pulse, --fit-time-zero and '
+        '--fit-odometry tell'),
     'dispersion': Kind(
         'answer', 'magnitudes in a plate: walls may be some millimetres off, or wrong',
         'record the signal itself (echo.kind: rf) where millimetres matter'),
@@ -123,6 +124,9 @@ CAUTIONS = {
     'not_calibrated': Kind(
         'calibration', 'nothing better was found from the echoes; the map is made with what was given',
         'record again with turns, and with walls near by on all sides'),
+    'pulse_adapted': Kind(
+        'calibration', 'the map is made with a pulse that was fitted to the echoes, not with the one that was given',
+        'from now on: -p pulse.kind:=file -p pulse.path:=pulse.npy (of the results)'),
     'direct_wave': Kind(
         'calibration', 'what the wave from emitter to receiver tells of the time zero',
         'rely on what the echoes tell of echo.t0_s'),

@@ -95,7 +95,7 @@ def test_links_lead_to_pages(page):
 def test_parameters_and_warnings_that_pages_name_are_there(page):
     groups = {spec.name.partition('.')[0] for spec in specifications()}
     named = {name for name in re.findall(r'`(\w+\.\w+)(?:`|:)', PAGES[page]) if name.partition('.')[0] in groups}
-    files = {name for name in named if name.endswith(('.py', '.pgm', '.yaml'))}
+    files = {name for name in named if name.endswith(('.py', '.pgm', '.yaml', '.npy'))}
     assert named - files - {spec.name for spec in specifications()} == set()
 
 

@@ -114,6 +114,18 @@ class Session:
         twin.checkpoint = checkpoint
         return twin
 
+    @property
+    def pings(self) -> tuple[Ping, ...]:
+        """What was heard."""
+        return self._pings
+
+    def with_pulse(self, pulse: RecordedPulse) -> 'Session':
+        """Return the same session, heard by another pulse."""
+        parameters = self.parameters.replaced({'pulse.kind': 'file'})
+        other = Session(parameters, self._poses, self._at.tolist(), self._pings, self._locate, pulse)
+        other.checkpoint = self.checkpoint
+        return other
+
     def mapper(self, parameters: Parameters) -> PolygonMapper:
         """A mapper that has heard all of it with these parameters; its beamforming map is not to be looked at."""
         stretch = self._group_speed(parameters) / self._speed

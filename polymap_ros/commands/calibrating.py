@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from polymap_ros.commands import console
 
 if TYPE_CHECKING:
+    from polymap_ros.calibration.pulse_fit import FittedPulse
     from polymap_ros.calibration.session import Session
     from polymap_ros.calibration.stages import Fit, Refusal
     from polymap_ros.cautions import Caution
@@ -42,6 +43,26 @@ def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
     given = ', '.join(f'{session.parameters[name]:g}' for name in result.values)
     return Caution('calibrated', f'the map is made with {fit_in_words(result)} (one standard deviation), not {given}',
                    f'next time: {" ".join(overrides(result))}, or --params-file calibration.yaml')
+
+
+def pulse_found(session: 'Session', name: str, starts: int = 3) -> 'FittedPulse | Refusal':
+    """The pulse that the echoes fit."""
+    from polymap_ros.calibration.pulse_fit import fitted_pulse
+
+    return console.worked(lambda checkpoint: fitted_pulse(session.watched(checkpoint), starts), f'{name}: pulse')
+
+
+def pulse_told(session: 'Session', result: 'FittedPulse | Refusal') -> 'Caution':
+    """What the user has to know about it."""
+    from polymap_ros.calibration.stages import Refusal
+    from polymap_ros.cautions import Caution
+
+    if isinstance(result, Refusal):
+        return Caution('not_calibrated', 'the map is made with the pulse that was given, since nothing better was '
+                                         f'found: {result.reason}', result.remedy)
+    return Caution('pulse_adapted', f'the map is made with a pulse that was fitted to the echoes, of '
+                                    f'{1e6 * result.recorded.duration_s:.0f} us at {1e-6 / result.recorded.period_s:g} '
+                                    f"MHz: with it {result.explained:.0%} of the echoes' power is explained")
 
 
 def checked(session: 'Session', estimate: 'Estimate', name: str) -> 'list[Caution]':

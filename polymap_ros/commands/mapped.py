@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from polymap_ros.acoustics.pulse import RecordedPulse
+    from polymap_ros.calibration.pulse_fit import FittedPulse
     from polymap_ros.calibration.session import Tape
     from polymap_ros.calibration.stages import Fit
     from polymap_ros.cautions import Caution
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     from polymap_ros.solvers.estimate import Candidate, Estimate
 
 PROGRAM = 'polymap_replay'
+_ASKED_FOR, _UNASKED = 3, 1
+"""Starts from which a pulse is looked for: each takes 2 to 20 s."""
+
 T = TypeVar('T')
 
 
@@ -39,6 +44,7 @@ class Mapped:
     estimate: 'Estimate'
     cautions: 'Sequence[Caution]'
     fit: 'Fit | None'
+    pulse: 'FittedPulse | None'
     truth: 'NDArray[np.float64] | None'
     true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None'
 
@@ -60,17 +66,20 @@ class Mapped:
 
 def map_recording(recording: 'Recording', parameters: Parameters, arguments: argparse.Namespace) -> Mapped:
     """Hear the recording, calibrate where that is asked for, solve, and check what is in doubt."""
+    from polymap_ros.calibration.diagnosis import doubtful
+    from polymap_ros.calibration.pulse_fit import FittedPulse
     from polymap_ros.calibration.stages import Fit
     from polymap_ros.cautions import of_the_first_stage
     from polymap_ros.pulse_file import read_pulse
     from polymap_ros.recordings.truth import read_true_path, read_truth
+    from polymap_ros.results.folder import PULSE
     from polymap_ros.results.save import map_cautions
 
     name, interval_s = recording.path.name, (arguments.start, arguments.end)
     truth, true_path = _of_truth(read_truth, recording.path), _of_truth(read_true_path, recording.path)
     mapper, replay, tape = _heard(recording, parameters, interval_s)
-    noted, fit = [], None
-    if what := calibrated(arguments):
+    noted, fit, pulse = [], None, None
+    if (what := calibrated(arguments)) and what != 'pulse':
         session = tape.session(read_pulse(parameters))
         fit = calibrating.found(session, what, name)
         noted += [calibrating.heard_directly(session)] if what == 'time zero' else []
@@ -79,6 +88,15 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
             parameters = parameters.replaced(fit.values)
             mapper, replay, tape = _heard(recording, parameters, interval_s)
     estimate = console.worked(mapper.solve, f'{name}: solving')
+    if what == 'pulse' or (not noted and _may_adapt(parameters) and doubtful(estimate)):
+        session = tape.session(read_pulse(parameters))
+        result = calibrating.pulse_found(session, name, _ASKED_FOR if what else _UNASKED)
+        if isinstance(result, FittedPulse):
+            parameters = parameters.replaced({'pulse.kind': 'file', 'pulse.path': PULSE})
+            pulse, (mapper, replay, tape) = result, _heard(recording, parameters, interval_s, result.recorded)
+            estimate = console.worked(mapper.solve, f'{name}: solving')
+        if what or pulse:
+            noted.append(calibrating.pulse_told(session, result))
     if not noted:
         noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
     if mapper.plane and not mapper.plane.is_xy:
@@ -87,7 +105,13 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
     cautions = (*replay.cautions(), *noted, *map_cautions(estimate, parameters))
     estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
     return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
-                  truth, true_path)
+                  pulse, truth, true_path)
+
+
+def _may_adapt(parameters: Parameters) -> bool:
+    """Whether a pulse may be looked for that nobody asked for; a map that is gone on from has its own."""
+    return (parameters.pulse.adapt == 'auto' and parameters.pulse.kind != 'file' and parameters.echo.kind == 'rf'
+            and parameters.solver.method == 'evidence' and not parameters.output.load_path)
 
 
 def _of_truth(read: Callable[[Path], T | None], path: Path) -> T | None:
@@ -116,12 +140,14 @@ def _in_map_frame(
 
 def calibrated(arguments: argparse.Namespace) -> str:
     """What is to be found from the recording itself; empty if nothing is."""
-    asked = {'medium': arguments.calibrate, 'odometry': arguments.fit_odometry, 'time zero': arguments.fit_time_zero}
+    asked = {'medium': arguments.calibrate, 'odometry': arguments.fit_odometry, 'time zero': arguments.fit_time_zero,
+             'pulse': arguments.fit_pulse}
     return next((what for what, wanted in asked.items() if wanted), '')
 
 
 def _heard(
-    recording: 'Recording', parameters: Parameters, interval_s: 'tuple[float | None, float | None]'
+    recording: 'Recording', parameters: Parameters, interval_s: 'tuple[float | None, float | None]',
+    pulse: 'RecordedPulse | None' = None,
 ) -> 'tuple[PolygonMapper, Replay, Tape]':
     """A mapper that has taken the whole recording, and what it used."""
     from polymap_ros.calibration.session import Tape
@@ -129,7 +155,7 @@ def _heard(
     from polymap_ros.recordings.replay import Replay
     from polymap_ros.results.loading import loaded_mapper
 
-    mapper = loaded_mapper(parameters, read_pulse(parameters))
+    mapper = loaded_mapper(parameters, pulse or read_pulse(parameters))
     tape = Tape(mapper)
     replay = Replay(recording, mapper, parameters, *interval_s)
     with console.progress(f'{recording.path.name}: reading', replay.total, 'msg') as advance:

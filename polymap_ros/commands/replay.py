@@ -72,6 +72,9 @@ def _parser() -> argparse.ArgumentParser:
                        help="the same for the odometry's scale and yaw drift")
     which.add_argument('--fit-time-zero', action='store_true',
                        help='the same for echo.t0_s; what the direct wave says of it is told, too')
+    which.add_argument('--fit-pulse', action='store_true',
+                       help='find the pulse that the echoes fit, as of a transducer that rings, map with it, and write '
+                            "pulse.npy at the recording's sample period")
     parser.add_argument('--save-map', action='store_true', help='write beam_map.npz: the beamforming map')
     return parser
 
@@ -83,7 +86,8 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
                          'message')
     if parameters.output.load_path and (what := calibrated(arguments)):
-        option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero'}[what]
+        option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero',
+                  'pulse': 'fit-pulse'}[what]
         raise UsageError(f'--{option} starts from a recording alone; leave output.load_path out')
     output = arguments.output or Path(parameters.output.dir)
     _refuse_collections(arguments.recordings, output)

@@ -110,7 +110,7 @@ def _accompaniments(mapped: Mapped, arguments: argparse.Namespace) -> 'Iterator[
     from polymap_ros.geometry.plane import XY
     from polymap_ros.recordings.replay import some_pings
     from polymap_ros.results import folder as names
-    from polymap_ros.results.arrays import beam_map_npz
+    from polymap_ros.results.arrays import beam_map_npz, npy
     from polymap_ros.results.calibration_yaml import calibration_yaml
     from polymap_ros.results.export import exported
     from polymap_ros.results.folder import Entry
@@ -122,6 +122,8 @@ def _accompaniments(mapped: Mapped, arguments: argparse.Namespace) -> 'Iterator[
     interval_s = arguments.start, arguments.end
     if fit := mapped.fit:
         yield Entry.of(names.CALIBRATION, lambda: calibration_yaml(fit.values, fit.deviations))
+    if pulse := mapped.pulse:
+        yield Entry.of(names.PULSE, lambda: npy(pulse.recorded.recorded))
     yield from map_files(estimate, parameters)
     for kind in arguments.exports:
         yield Entry.of(f'polygon.{kind}', partial(exported, kind, estimate, mapper.map_frame, mapper.plane or XY))
@@ -159,7 +161,8 @@ def _write_record(mapped: Mapped, interval_s: 'tuple[float | None, float | None]
     from polymap_ros.results.loading import loaded_mapper
 
     with console.progress(f'{mapped.recording.path.name}: recording', mapped.replay.total, 'msg') as advance:
-        again = loaded_mapper(mapped.parameters, read_pulse(mapped.parameters))
+        pulse = mapped.pulse.recorded if mapped.pulse else read_pulse(mapped.parameters)
+        again = loaded_mapper(mapped.parameters, pulse)
         write_outcome(folder / RECORD, mapped.recording, mapped.mapper, again, *interval_s, advance)
 
 

@@ -97,4 +97,4 @@ def _plane(x: float, y: float, z: float, qx: float, qy: float, qz: float, qw: fl
 
 def _mattering(parameters: Parameters) -> dict[str, str]:
     return {name: repr(value) for name, value in parameters.flat().items()
-            if name.startswith(MATTERING) and name != 'pulse.path'}
+            if name.startswith(MATTERING) and name not in ('pulse.path', 'pulse.adapt')}

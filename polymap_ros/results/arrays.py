@@ -28,6 +28,13 @@ def npz(arrays: Mapping[str, ArrayLike]) -> bytes:
     return buffer.getvalue()
 
 
+def npy(values: ArrayLike) -> bytes:
+    """A .npy of an array of numbers."""
+    buffer = io.BytesIO()
+    np.save(buffer, np.asarray(values), allow_pickle=False)
+    return buffer.getvalue()
+
+
 def state_npz(state: Mapping[str, NDArray[np.generic]]) -> bytes:
     """The content of state.npz from `PolygonMapper.state`."""
     return npz({'format': np.array(STATE_FORMAT), **state})

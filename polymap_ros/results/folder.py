@@ -13,9 +13,10 @@ from polymap_ros.errors import OutputError, in_words
 POLYGON, STATE, MAP_IMAGE, MAP_YAML = 'polygon.json', 'state.npz', 'map.pgm', 'map.yaml'
 PICTURE, SIGNALS, BEAM_MAP, RECORD = 'polygon.png', 'signals.png', 'beam_map.npz', 'result.mcap'
 CALIBRATION, REPORT, TRAJECTORY = 'calibration.yaml', 'report.html', 'trajectory.tum'
+PULSE = 'pulse.npy'
 EXPORTS = 'polygon.csv', 'polygon.geojson', 'polygon.dxf'
 NAMES = (POLYGON, STATE, TRAJECTORY, MAP_IMAGE, MAP_YAML, PICTURE, SIGNALS, BEAM_MAP, RECORD, CALIBRATION, REPORT,
-         *EXPORTS)
+         PULSE, *EXPORTS)
 """Everything that a run may leave behind, so that the next one can take it away."""
 
 

@@ -1,0 +1,83 @@
+"""A transducer that rings: its pulse, and the walls, against what was simulated."""
+
+import dataclasses
+import json
+
+import numpy as np
+from heard_scenes import feed
+
+from polymap_ros.acoustics.pulse import RecordedPulse
+from polymap_ros.calibration.pulse_fit import fitted_pulse
+from polymap_ros.calibration.session import Tape
+from polymap_ros.calibration.stages import Refusal
+from polymap_ros.commands import calibrating, replay
+from polymap_ros.commands.simulate import record
+from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.mapping.mapper import PolygonMapper
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.scene_file import load_scene
+from polymap_ros.simulation.waveforms import emitted, simulate
+
+
+def taped(scene, **changes):
+    mapper = PolygonMapper(scene.parameters(Parameters().replaced(changes)))
+    tape = Tape(mapper)
+    feed(mapper, scene, simulate(scene).astype(np.float32))
+    return tape.session()
+
+
+def test_the_pulse_of_a_transducer_is_found_and_the_walls_with_it():
+    scene = VARIANTS['q_5'].make(104, 4)
+    session = taped(scene)
+    found = fitted_pulse(session)
+    assert found.explained > 0.98
+    true = emitted(scene).samples(scene.period_s)
+    shape = found.recorded.recorded
+    true = np.pad(true, (0, max(len(shape) - len(true), 0)))[:len(shape)]
+    assert np.corrcoef(shape, true)[0, 1] > 0.98  # and not turned, which the coefficients could take in
+    mapper = PolygonMapper(scene.parameters(Parameters()), found.recorded)
+    feed(mapper, scene, simulate(scene).astype(np.float32))
+    answer = mapper.solve()
+    off = compare(answer.polygon.vertices, scene.vertices)
+    assert off.right
+    assert np.max(np.abs(off.offsets_m)) < 2e-4
+    assert answer.cautions == ()
+
+
+def test_what_has_no_pulse_or_no_walls_is_refused_by_name():
+    scene = dataclasses.replace(VARIANTS['plate'].make(104, 4), poses=VARIANTS['plate'].make(104, 4).poses[:12])
+    assert 'magnitudes' in fitted_pulse(taped(scene, **{'echo.kind': 'envelope'})).reason
+    noise = dataclasses.replace(scene, snr_db=-60.0)
+    refused = fitted_pulse(taped(noise), starts=1)
+    assert isinstance(refused, Refusal)
+
+
+def test_a_replay_writes_the_pulse_which_the_next_one_takes(tmp_path, capsys):
+    scene = VARIANTS['q_5'].make(104, 4)
+    record(scene, tmp_path / 'run.mcap')
+    first, second = tmp_path / 'first', tmp_path / 'second'
+    assert replay.main([str(tmp_path / 'run.mcap'), '--output', str(first), '--fit-pulse']) == 0
+    out = capsys.readouterr().out
+    assert 'pulse_adapted' in out
+    assert 'right' in out
+    pulse = np.load(first / 'pulse.npy')
+    assert RecordedPulse(pulse, scene.period_s).duration_s < 2e-4
+    given = ['-p', 'pulse.kind:=file', '-p', f'pulse.path:={first / "pulse.npy"}']
+    assert replay.main([str(tmp_path / 'run.mcap'), '--output', str(second), *given]) == 0
+    assert 'warning' not in capsys.readouterr().out
+    walls = [[edge['r'] for edge in json.loads((folder / 'polygon.json').read_text())['edges']]
+             for folder in (first, second)]
+    np.testing.assert_allclose(*walls, atol=1e-6)
+
+
+def test_it_is_looked_for_where_nobody_said_that_it_is_right(tmp_path, monkeypatch):
+    scene = dataclasses.replace(load_scene('triangle'), snr_db=-60.0)  # nothing but noise: in doubt
+    record(scene, tmp_path / 'run.mcap')
+    asked = []
+    monkeypatch.setattr(calibrating, 'pulse_found', lambda *_: asked.append('pulse') or Refusal('nothing'))
+    monkeypatch.setattr(calibrating, 'checked', lambda *_: [])
+    for number, adapt in enumerate(('auto', 'off')):
+        output = tmp_path / f'out{number}'
+        replay.main([str(tmp_path / 'run.mcap'), '--output', str(output), '-p', f'pulse.adapt:={adapt}'])
+        assert asked == ['pulse']
