@@ -31,7 +31,7 @@ from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 
 _PULSE_TAPS, _TAP_CYCLES = 28, 0.25
@@ -198,9 +198,9 @@ def fitted_pulse(session: Session, starts: int = 3) -> FittedPulse | Refusal:
                 best = found
             if best is not None and best.explained > _SURE:
                 return best
-        if best is not None and best.explained > ALL_EXPLAINED:
+        if best is not None:
             return best
-    return best or Refusal('by no pulse that was tried do walls explain the echoes')
+    return Refusal('by no pulse that was tried do walls explain the echoes')
 
 
 def _apart(tried: list[_Guess], cycle_m: float) -> list[_Guess]:
@@ -224,10 +224,12 @@ def _refined(
             break
         score, pulse = guess.score, fit.pulse(guess.taps)
         heard = session.with_pulse(pulse)
-        found = _settled(heard.search(heard.parameters), lines + (guess.shift_m, 0.0))
+        search = heard.search(heard.parameters)
+        found = _settled(search, lines + (guess.shift_m, 0.0))
         if found is None or found.wave is None:
             break
-        if found.explained > max(EXPLAINED, best.explained if best else 0.0):
+        # A pulse that is delayed by too much or too little leaves a little: 0.97 with walls that are 2 mm off.
+        if found.explained > max(ALL_EXPLAINED - search.uncertainty, best.explained if best else 0.0):
             best = FittedPulse(pulse, found.explained)
         lines, coefficients = found.lines, found.walls.reflection
         fine = np.concatenate((_COARSER_CYCLES * np.arange(-6.0, 7.0), _FINE_CYCLES * np.arange(-2.0, 3.0))) * cycle_m
