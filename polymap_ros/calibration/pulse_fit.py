@@ -26,12 +26,12 @@ from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import RecordedPulse, make_pulse
 from polymap_ros.calibration.session import Session
-from polymap_ros.calibration.stages import Refusal
+from polymap_ros.calibration.stages import CERTAIN_NATS, Refusal
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.parameters import Parameters
-from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.search import Search
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 
 _PULSE_TAPS, _TAP_CYCLES = 28, 0.25
@@ -53,12 +53,15 @@ _SHIFTS_CYCLES, _STEP_CYCLES = 1.0, 0.1
 _COARSER_CYCLES, _FINE_CYCLES = 0.05, 0.02
 """The steps of later rounds, of which six and two either way are tried."""
 
-_PHASE_TURNS = 1.0, 1j, -1j
-"""What a reflection does to the phase: nothing (or the opposite, which the pulse takes in), or 90 degrees either way,
-as the free edge of a plate does head on."""
+_PHASE_TURNS = (1.0,), (1j, -1j)
+"""What a reflection does to the phase: nothing (or the opposite, which the pulse takes in), or where no pulse explains
+the echoes so, 90 degrees either way, as the free edge of a plate does head on."""
 
-_FITS = 4
+_FITS = 8
 """Times the pulse is fitted."""
+
+_POLISHED = 0.2, 0.05
+"""Cycles by which walls and pulse are shifted together at last, either way, as long as that is likelier."""
 
 _SURE = 0.995
 """Share explained at which no other guess is followed: with a pulse that is a fifth of a cycle off it is 0.985."""
@@ -66,8 +69,22 @@ _SURE = 0.995
 _GUESSES = 3
 """Of the guesses of shift and turn, the best so many are followed."""
 
-_NO_BETTER = 0.002
+_NO_BETTER = 0.0002
 """Share of the energy by which a fit is no better than the one before."""
+
+
+class _Agreed(NamedTuple):
+    """A pulse, the log likelihood of walls by it, the share that they explain and how uncertain that is; the lines,
+    coefficients and turn of these walls.
+    """
+
+    pulse: RecordedPulse
+    value: float
+    explained: float
+    uncertainty: float
+    lines: NDArray[np.float64]
+    coefficients: NDArray[np.float64]
+    turn: complex
 
 
 class _Guess(NamedTuple):
@@ -191,15 +208,18 @@ def fitted_pulse(session: Session, starts: int = 3) -> FittedPulse | Refusal:
     search = session.search(session.parameters)
     fit, best = _Fit(session, search), None
     shifts = np.arange(-_SHIFTS_CYCLES, _SHIFTS_CYCLES + 1e-9, _STEP_CYCLES) * search.cycle_m
-    for start in islice((found for found in search.polygons() if found is not None), starts):
-        for guess in _apart(fit.tried(start.lines, np.ones(len(start.lines)), shifts, _PHASE_TURNS), search.cycle_m):
+    founds = list(islice((found for found in search.polygons() if found is not None), starts))
+    for start, turns in ((start, turns) for start in founds for turns in _PHASE_TURNS):
+        for guess in _apart(fit.tried(start.lines, np.ones(len(start.lines)), shifts, turns), search.cycle_m):
             found = _refined(session, fit, start.lines, guess, search.cycle_m)
-            if found is not None and (best is None or found.explained > best.explained):
-                best = found
+            best = found if found and (best is None or found.value > best.value) else best
             if best is not None and best.explained > _SURE:
-                return best
-        if best is not None:
-            return best
+                break
+        if best is not None and best.explained > EXPLAINED - best.uncertainty:
+            best = _polished(session, fit, best, search.cycle_m)
+            # A pulse that is delayed by too much or too little leaves a little: 0.97 with walls that are 2 mm off.
+            if best.explained > ALL_EXPLAINED - best.uncertainty:
+                return FittedPulse(best.pulse, best.explained)
     return Refusal('by no pulse that was tried do walls explain the echoes')
 
 
@@ -215,33 +235,51 @@ def _apart(tried: list[_Guess], cycle_m: float) -> list[_Guess]:
 
 def _refined(
     session: Session, fit: _Fit, lines: NDArray[np.float64], guess: _Guess, cycle_m: float
-) -> FittedPulse | None:
+) -> _Agreed | None:
     """Go from a guess to the pulse and the walls that agree with each other."""
     best, score = None, -np.inf
     for _ in range(_FITS):
-        session.checkpoint()
         if guess.score < score + _NO_BETTER:
             break
-        score, pulse = guess.score, fit.pulse(guess.taps)
-        heard = session.with_pulse(pulse)
-        search = heard.search(heard.parameters)
-        found = _settled(search, lines + (guess.shift_m, 0.0))
-        if found is None or found.wave is None:
+        score, agreed = guess.score, _agreed(session, fit, lines, guess)
+        if agreed is None:
             break
-        # A pulse that is delayed by too much or too little leaves a little: 0.97 with walls that are 2 mm off.
-        if found.explained > max(ALL_EXPLAINED - search.uncertainty, best.explained if best else 0.0):
-            best = FittedPulse(pulse, found.explained)
-        lines, coefficients = found.lines, found.walls.reflection
+        best = agreed if best is None or agreed.value > best.value else best
         fine = np.concatenate((_COARSER_CYCLES * np.arange(-6.0, 7.0), _FINE_CYCLES * np.arange(-2.0, 3.0))) * cycle_m
-        guess = max(fit.tried(lines, coefficients / np.median(np.abs(coefficients)), fine, (guess.turn,)),
-                    key=lambda each: each.score)
+        lines = agreed.lines
+        guess = max(fit.tried(lines, agreed.coefficients, fine, (guess.turn,)), key=lambda each: each.score)
     return best
+
+
+def _polished(session: Session, fit: _Fit, best: _Agreed, cycle_m: float) -> _Agreed:
+    """Shift all walls, and with them the pulse, to where most is explained: what a fit of the pulse sees dimly."""
+    for cycles in _POLISHED:
+        for way in (-1.0, 1.0):
+            while True:
+                shifts = np.array((way * cycles * cycle_m,))
+                guess, = fit.tried(best.lines, best.coefficients, shifts, (best.turn,))
+                other = _agreed(session, fit, best.lines, guess)
+                if other is None or other.value < best.value + CERTAIN_NATS:
+                    break
+                best = other
+    return best
+
+
+def _agreed(session: Session, fit: _Fit, lines: NDArray[np.float64], guess: _Guess) -> _Agreed | None:
+    """Hear the pings by the pulse of a guess and settle the walls by it; None where they do not agree in phase."""
+    session.checkpoint()
+    pulse = fit.pulse(guess.taps)
+    heard = session.with_pulse(pulse)
+    # A phase of reflections beside a free pulse moves the walls: 1 degree by 0.025 mm. So there is none without need.
+    edge = heard.parameters.medium.edge if guess.turn != 1.0 else 'real'
+    search = heard.search(heard.parameters.replaced({'medium.edge': edge}))
+    found = search.settle(search.nothing.with_strength(1.0).with_walls(Walls.convex(lines + (guess.shift_m, 0.0))))
+    if found is None or found.wave is None:
+        return None
+    coefficients = found.walls.reflection / np.median(np.abs(found.walls.reflection))
+    return _Agreed(pulse, found.value, found.explained, search.uncertainty, found.lines, coefficients, guess.turn)
 
 
 def _alike(pings: Sequence[Ping]) -> bool:
     """Whether all pings have one sample period, and one length and start."""
     return len({(ping.samples.size, ping.period_s, ping.t0_s) for ping in pings}) == 1
-
-
-def _settled(search: Search, lines: NDArray[np.float64]) -> Found | None:
-    return search.settle(search.nothing.with_strength(1.0).with_walls(Walls.convex(lines)))

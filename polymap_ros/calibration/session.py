@@ -123,7 +123,7 @@ class Session:
         """Return the same session, heard by another pulse."""
         parameters = self.parameters.replaced({'pulse.kind': 'file'})
         other = Session(parameters, self._poses, self._at.tolist(), self._pings, self._locate, pulse)
-        other.checkpoint = self.checkpoint
+        other.checkpoint, other._noise = self.checkpoint, self._noise  # likelihoods are of the same samples
         return other
 
     def mapper(self, parameters: Parameters) -> PolygonMapper:

@@ -62,7 +62,8 @@ def pulse_told(session: 'Session', result: 'FittedPulse | Refusal') -> 'Caution'
                                          f'found: {result.reason}', result.remedy)
     return Caution('pulse_adapted', f'the map is made with a pulse that was fitted to the echoes, of '
                                     f'{1e6 * result.recorded.duration_s:.0f} us at {1e-6 / result.recorded.period_s:g} '
-                                    f"MHz: with it {result.explained:.0%} of the echoes' power is explained")
+                                    f"MHz: with it {result.explained:.1%} of the echoes' power is explained; all walls "
+                                    'may be off together by some tenths of a millimetre')
 
 
 def checked(session: 'Session', estimate: 'Estimate', name: str) -> 'list[Caution]':

@@ -72,9 +72,9 @@ def _parser() -> argparse.ArgumentParser:
                        help="the same for the odometry's scale and yaw drift")
     which.add_argument('--fit-time-zero', action='store_true',
                        help='the same for echo.t0_s; what the direct wave says of it is told, too')
-    which.add_argument('--fit-pulse', action='store_true',
-                       help='find the pulse that the echoes fit, as of a transducer that rings, map with it, and write '
-                            "pulse.npy at the recording's sample period")
+    parser.add_argument('--fit-pulse', action='store_true',
+                        help='find the pulse that the echoes fit, as of a transducer that rings, map with it, and '
+                             "write pulse.npy at the recording's sample period; not beside these three")
     parser.add_argument('--save-map', action='store_true', help='write beam_map.npz: the beamforming map')
     return parser
 
@@ -85,6 +85,9 @@ def _run(arguments: argparse.Namespace) -> int:
     if not (start_s is None or start_s >= 0.0) or not (end_s is None or end_s > (start_s or 0.0)):
         raise UsageError(f'--start {start_s} --end {end_s}: allowed: 0 <= start < end, in seconds after the first '
                          'message')
+    if arguments.fit_pulse and (arguments.calibrate or arguments.fit_odometry or arguments.fit_time_zero):
+        raise UsageError('--fit-pulse is not for a run with --calibrate, --fit-odometry or --fit-time-zero; do one '
+                         'after the other')
     if parameters.output.load_path and (what := calibrated(arguments)):
         option = {'medium': 'calibrate', 'odometry': 'fit-odometry', 'time zero': 'fit-time-zero',
                   'pulse': 'fit-pulse'}[what]

@@ -71,6 +71,11 @@ def test_a_replay_writes_the_pulse_which_the_next_one_takes(tmp_path, capsys):
     np.testing.assert_allclose(*walls, atol=1e-6)
 
 
+def test_it_is_asked_for_alone(capsys):
+    assert replay.main(['none', '--fit-pulse', '--calibrate']) == 2
+    assert '--fit-pulse is not for a run with --calibrate' in capsys.readouterr().err
+
+
 def test_it_is_looked_for_where_nobody_said_that_it_is_right(tmp_path, monkeypatch):
     scene = dataclasses.replace(load_scene('triangle'), snr_db=-60.0)  # nothing but noise: in doubt
     record(scene, tmp_path / 'run.mcap')
