@@ -27,6 +27,7 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import RecordedPulse, make_pulse
 from polymap_ros.calibration.session import Session
 from polymap_ros.calibration.stages import CERTAIN_NATS, Refusal
+from polymap_ros.errors import ParameterError
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.parameters import Parameters
@@ -147,10 +148,16 @@ class _Fit:
         for shift in shifts.tolist():
             moved = lines + (shift, 0.0)
             outline, corners = corners_of(moved)
-            if np.all(moved[:, 0] > 0.0) and outline:
+            if outline and self._are_inside(moved):
                 images = self._images(corners, reflection)
                 tried += [_Guess(*self._fitted(self._summed(images, turn)), shift, turn) for turn in turns]
         return tried or [_Guess(-np.inf, np.zeros(_PULSE_TAPS), 0.0, turns[0])]
+
+    def _are_inside(self, lines: NDArray[np.float64]) -> bool:
+        """Whether emitter and receiver of all pings are."""
+        normals = np.array((np.cos(lines[:, 1]), np.sin(lines[:, 1])))
+        places = np.vstack((self._ends[:, :2], self._ends[:, 2:4]))
+        return bool(np.all(places @ normals < lines[:, 0]))
 
     def _images(
         self, corners: NDArray[np.float64], reflection: NDArray[np.float64]
@@ -170,6 +177,8 @@ class _Fit:
 
     def _fitted(self, basis: NDArray[np.complex128], rounds: int = 4) -> tuple[float, NDArray[np.float64]]:
         """The share of the energy that a pulse takes away, and its taps; gains of the pings and taps in turn."""
+        if not np.all(np.any(basis, axis=1)):  # a ping that hears no wall in time
+            return -np.inf, np.zeros(_PULSE_TAPS)
         heard = np.sum(np.abs(self._heard) ** 2, axis=1)
         gains = np.sqrt(heard / np.maximum(np.sum(np.abs(basis) ** 2, axis=1), 1e-300))
         delays = np.exp(1j * np.outer(self._taps_s, self._omega))
@@ -205,7 +214,10 @@ def fitted_pulse(session: Session, starts: int = 3) -> FittedPulse | Refusal:
         return Refusal('the echoes are magnitudes (echo.kind: envelope), which have no pulse')
     if not session.pings or not _alike(session.pings):
         return Refusal('the pings differ in length, sample period or start')
-    search = session.search(session.parameters)
+    try:
+        search = session.search(session.parameters)
+    except ParameterError as error:  # too little is left to listen to
+        return Refusal(str(error))
     fit, best = _Fit(session, search), None
     shifts = np.arange(-_SHIFTS_CYCLES, _SHIFTS_CYCLES + 1e-9, _STEP_CYCLES) * search.cycle_m
     founds = list(islice((found for found in search.polygons() if found is not None), starts))
@@ -272,7 +284,10 @@ def _agreed(session: Session, fit: _Fit, lines: NDArray[np.float64], guess: _Gue
     heard = session.with_pulse(pulse)
     # A phase of reflections beside a free pulse moves the walls: 1 degree by 0.025 mm. So there is none without need.
     edge = heard.parameters.medium.edge if guess.turn != 1.0 else 'real'
-    search = heard.search(heard.parameters.replaced({'medium.edge': edge}))
+    try:
+        search = heard.search(heard.parameters.replaced({'medium.edge': edge}))
+    except ParameterError:  # the pulse takes up too much of the pings
+        return None
     found = search.settle(search.nothing.with_strength(1.0).with_walls(Walls.convex(lines + (guess.shift_m, 0.0))))
     if found is None or found.wave is None:
         return None

@@ -4,16 +4,19 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 from heard_scenes import feed
 
+from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import RecordedPulse
-from polymap_ros.calibration.pulse_fit import fitted_pulse
+from polymap_ros.calibration.pulse_fit import FittedPulse, fitted_pulse
 from polymap_ros.calibration.session import Tape
 from polymap_ros.calibration.stages import Refusal
 from polymap_ros.commands import calibrating, replay
 from polymap_ros.commands.simulate import record
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scene_file import load_scene
@@ -69,6 +72,27 @@ def test_a_replay_writes_the_pulse_which_the_next_one_takes(tmp_path, capsys):
     walls = [[edge['r'] for edge in json.loads((folder / 'polygon.json').read_text())['edges']]
              for folder in (first, second)]
     np.testing.assert_allclose(*walls, atol=1e-6)
+
+
+@pytest.mark.parametrize('fault', ['near', 'quiet', 'short', 'outside'])
+def test_pings_by_which_nothing_can_be_fitted_are_no_error(fault):
+    """Beside a wall, silent but for noise, cut short, or outside of what the first search finds."""
+    scene = VARIANTS['q_5'].make(104, 4)
+    samples, poses = simulate(scene).astype(np.float32)[:14], scene.poses[:14].copy()
+    if fault == 'near':
+        poses[3, :2] += 0.98 * (scene.vertices[:2].mean(axis=0) - poses[3, :2])
+    elif fault == 'quiet':
+        samples = np.random.default_rng(1).normal(size=samples.shape).astype(np.float32)
+    elif fault == 'short':
+        samples = samples[:, :260]
+    else:
+        poses[5, :2] += 3.0
+    mapper = PolygonMapper(scene.parameters(Parameters()))
+    tape = Tape(mapper)
+    for stamp_ns, (pose, row) in enumerate(zip(poses.tolist(), samples, strict=True)):
+        mapper.add_pose(stamp_ns, Pose(*pose))
+        mapper.add_ping(Ping(stamp_ns, row, scene.period_s))
+    assert isinstance(fitted_pulse(tape.session(), starts=1), Refusal | FittedPulse)
 
 
 def test_it_is_asked_for_alone(capsys):
