@@ -28,6 +28,7 @@ pause, or the start of a recording, costs."""
 _WITHOUT_POSE = ('no_pose', 'pose_gap', 'stale', 'queue_full')
 
 _OF_PARAMETERS = {
+    'echo.sample_period_s': 'set echo.sample_period_s to what the device has, or to 0 where the messages tell it',
     'pulse.path': "resample the pulse to the echoes' rate",
     'front_end.gain_db_s': 'set front_end.gain_db_s to what the device does to the echoes, or to 0',
     'front_end.max_bad': 'lower the gain where the echoes are recorded, or raise front_end.max_bad',
