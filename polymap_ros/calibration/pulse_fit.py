@@ -61,8 +61,8 @@ the echoes so, 90 degrees either way, as the free edge of a plate does head on."
 _FITS = 8
 """Times the pulse is fitted."""
 
-_POLISHED = 0.2, 0.05
-"""Cycles by which walls and pulse are shifted together at last, either way, as long as that is likelier."""
+_POLISHED = -0.2, 0.2, -0.05, 0.05
+"""Cycles by which walls and pulse are shifted together at last, each as long as that is likelier."""
 
 _SURE = 0.995
 """Share explained at which no other guess is followed: with a pulse that is a fifth of a cycle off it is 0.985."""
@@ -143,7 +143,7 @@ class _Fit:
         self, lines: NDArray[np.float64], reflection: NDArray[np.float64], shifts: NDArray[np.float64],
         turns: Sequence[complex],
     ) -> list[_Guess]:
-        """Return what is fitted with each shift of all walls [m] and each turn of the phase."""
+        """Return what is fitted with each shift of all walls [m] and each turn of the phase, where anything can be."""
         tried = []
         for shift in shifts.tolist():
             moved = lines + (shift, 0.0)
@@ -151,7 +151,7 @@ class _Fit:
             if outline and self._are_inside(moved):
                 images = self._images(corners, reflection)
                 tried += [_Guess(*self._fitted(self._summed(images, turn)), shift, turn) for turn in turns]
-        return tried or [_Guess(-np.inf, np.zeros(_PULSE_TAPS), 0.0, turns[0])]
+        return [guess for guess in tried if np.isfinite(guess.score)]
 
     def _are_inside(self, lines: NDArray[np.float64]) -> bool:
         """Whether emitter and receiver of all pings are."""
@@ -220,7 +220,7 @@ def fitted_pulse(session: Session, starts: int = 3) -> FittedPulse | Refusal:
         return Refusal(str(error))
     fit, best = _Fit(session, search), None
     shifts = np.arange(-_SHIFTS_CYCLES, _SHIFTS_CYCLES + 1e-9, _STEP_CYCLES) * search.cycle_m
-    founds = list(islice((found for found in search.polygons() if found is not None), starts))
+    founds = islice((found for found in search.polygons() if found is not None), starts)
     for start, turns in ((start, turns) for start in founds for turns in _PHASE_TURNS):
         for guess in _apart(fit.tried(start.lines, np.ones(len(start.lines)), shifts, turns), search.cycle_m):
             found = _refined(session, fit, start.lines, guess, search.cycle_m)
@@ -259,21 +259,22 @@ def _refined(
         best = agreed if best is None or agreed.value > best.value else best
         fine = np.concatenate((_COARSER_CYCLES * np.arange(-6.0, 7.0), _FINE_CYCLES * np.arange(-2.0, 3.0))) * cycle_m
         lines = agreed.lines
-        guess = max(fit.tried(lines, agreed.coefficients, fine, (guess.turn,)), key=lambda each: each.score)
+        tried = fit.tried(lines, agreed.coefficients, fine, (guess.turn,))
+        if not tried:
+            break
+        guess = max(tried, key=lambda each: each.score)
     return best
 
 
 def _polished(session: Session, fit: _Fit, best: _Agreed, cycle_m: float) -> _Agreed:
     """Shift all walls, and with them the pulse, to where most is explained: what a fit of the pulse sees dimly."""
     for cycles in _POLISHED:
-        for way in (-1.0, 1.0):
-            while True:
-                shifts = np.array((way * cycles * cycle_m,))
-                guess, = fit.tried(best.lines, best.coefficients, shifts, (best.turn,))
-                other = _agreed(session, fit, best.lines, guess)
-                if other is None or other.value < best.value + CERTAIN_NATS:
-                    break
-                best = other
+        shift = np.array((cycles * cycle_m,))
+        while tried := fit.tried(best.lines, best.coefficients, shift, (best.turn,)):
+            other = _agreed(session, fit, best.lines, tried[0])
+            if other is None or other.value < best.value + CERTAIN_NATS:
+                break
+            best = other
     return best
 
 
