@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 PROGRAM = 'polymap_replay'
 _ASKED_FOR, _UNASKED = 3, 1
-"""Starts from which a pulse is looked for: each takes 2 to 20 s."""
+"""Starts from which a pulse is looked for: each takes 4 to 70 s."""
 
 T = TypeVar('T')
 
