@@ -150,8 +150,10 @@ def trace_images(
             lit = _LIT
             if not convex:  # only what is beyond the last wall, where the beam enters the room
                 last = hit[depth - 1]
+                if _beside(walls, wall, last, -1.0):  # where their ends are soft only
+                    continue
                 c, s = walls[last, 0], walls[last, 1]
-                lit, ax, ay, bx, by = _beyond(walls[last, 2] - px * c - py * s, c, s, ax, ay, bx, by)
+                lit, ax, ay, bx, by = _beyond(walls[last, 2] + soft - px * c - py * s, c, s, ax, ay, bx, by)
             if lit == _LIT:
                 lit, ax, ay, bx, by = _within(beams[depth - 1, 0], beams[depth - 1, 1], beams[depth - 1, 2],
                                               beams[depth - 1, 3], ax, ay, bx, by, tie)
@@ -266,8 +268,8 @@ def _clear(
             c, s = walls[wall, 0], walls[wall, 1]
             here = walls[wall, 2] - x * c - y * s
             there = here - dx * c - dy * s
-            if (-soft <= here < 0.0 and _beside(walls, wall, behind)) or (-soft <= there < 0.0 and _beside(
-                    walls, wall, ahead)):
+            if (-soft <= here < 0.0 and _beside(walls, wall, behind, 1.0)) or (-soft <= there < 0.0 and _beside(
+                    walls, wall, ahead, 1.0)):
                 continue  # the hit is past the soft end of its own wall
             if (here < 0.0 < there) or (there < 0.0 < here):
                 t = here / (here - there)
@@ -280,13 +282,15 @@ def _clear(
 
 
 @kernel
-def _beside(walls: NDArray[np.float64], one: int, other: int) -> bool:
-    """Return whether two walls meet in a corner that points outwards; -1 is no wall."""
+def _beside(walls: NDArray[np.float64], one: int, other: int, side: float) -> bool:
+    """Return whether two walls meet in a corner that points outwards (`side` 1), or inwards (-1), where neither is in
+    front of the other; wall -1 is none.
+    """
     n = len(walls)
     if other < 0 or (one - other + 1) % n > 2:
         return False
     first, second = (other, one) if (other + 1) % n == one else (one, other)
-    return bool(walls[first, 0] * walls[second, 1] - walls[first, 1] * walls[second, 0] > 0.0)
+    return bool(side * (walls[first, 0] * walls[second, 1] - walls[first, 1] * walls[second, 0]) > 0.0)
 
 
 @kernel

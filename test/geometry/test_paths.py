@@ -12,6 +12,7 @@ from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import corners_of, half_plane_polygon, is_convex
 from polymap_ros.geometry.paths import CAPACITY, Paths, room_for_paths, trace_paths
 from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.simulation.reflectors import Reflectors, heard_images
 
 
 def sorted_walls(vertices):
@@ -291,3 +292,20 @@ def test_behind_a_corner_that_points_inwards_an_echo_fades_smoothly():
     assert weights[-1] == 0.0
     assert np.all(np.diff(weights) <= 1e-12)
     assert -np.diff(weights).min() < 2.0 * 0.75 / soft * (0.2 / 400)
+
+
+@pytest.mark.parametrize('turn', [-2e-5, 0.0, 2e-5], ids=['acute', 'right', 'obtuse'])
+def test_soft_ends_at_right_angles_of_a_t_count_the_images_that_are_heard(turn):
+    """Every sequence of walls is the reference: at a corner that points outwards two half paths count once, at one that
+    points inwards there is none, whichever way the angle is off by far less than the soft end.
+    """
+    corners = np.array([[0.35, 0.0], [0.9, 0.0], [0.9, 0.6], [1.3, 0.6], [1.3, 1.1], [0.0, 1.1], [0.0, 0.6], [0.35, 0.6]])
+    reflectors, compared = Reflectors.outline(corners), 0
+    corners[2:4, 1] += turn * corners[2:4, 0]
+    for place in np.random.default_rng(3).uniform((0.4, 0.1), (0.85, 1.0), (20, 2)):
+        heard = len(heard_images(reflectors, place, 4)[0])
+        weight = traced(corners, np.append(place, place), 4, 10.0, 1e-3).weight
+        if np.all(np.abs(weight - np.round(2.0 * weight) / 2.0) < 0.1):  # no other path is near an end
+            assert np.sum(weight) == pytest.approx(heard, rel=0.05)
+            compared += 1
+    assert compared > 5
