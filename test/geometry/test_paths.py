@@ -299,8 +299,9 @@ def test_soft_ends_at_right_angles_of_a_t_count_the_images_that_are_heard(turn):
     """Every sequence of walls is the reference: at a corner that points outwards two half paths count once, at one that
     points inwards there is none, whichever way the angle is off by far less than the soft end.
     """
-    corners = np.array([[0.35, 0.0], [0.9, 0.0], [0.9, 0.6], [1.3, 0.6], [1.3, 1.1], [0.0, 1.1], [0.0, 0.6], [0.35, 0.6]])
-    reflectors, compared = Reflectors.outline(corners), 0
+    corners = np.array([[0.35, 0.0], [0.9, 0.0], [0.9, 0.6], [1.3, 0.6],
+                        [1.3, 1.1], [0.0, 1.1], [0.0, 0.6], [0.35, 0.6]])
+    reflectors, compared = Reflectors.outline(corners.copy()), 0
     corners[2:4, 1] += turn * corners[2:4, 0]
     for place in np.random.default_rng(3).uniform((0.4, 0.1), (0.85, 1.0), (20, 2)):
         heard = len(heard_images(reflectors, place, 4)[0])
