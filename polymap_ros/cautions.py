@@ -96,6 +96,10 @@ CAUTIONS = {
         'answer', 'echoes are left that the polygon does not explain: a dent, a seam, a second mode, a wrong medium',
         'look for what else reflects, or a corner that points inwards; if there is neither, let polymap_replay '
         '--calibrate check the medium'),
+    'not_convex': Kind(
+        'answer', 'an outline that is not convex explains the echoes best, but not all of them; edges may be wrong',
+        'drive into every arm and along every wall, with pings closer together, and raise solver.max_edges where the '
+        'outline has more edges; solver.outline: convex looks for convex ones only'),
     'odometry_drift': Kind(
         'answer', 'the echoes agree only where the poses are corrected; polygon and path are the corrected ones',
         'use the corrected path; where the odometry errs by more than it should, check wheels, stamps and medium'),
@@ -146,7 +150,7 @@ CAUTIONS = {
 """By code, the earliest stage first. A code that is not here cannot be made."""
 
 
-_OF_DOUBT = ('unexplained', 'incoherent', 'weak_edge')
+_OF_DOUBT = ('unexplained', 'not_convex', 'incoherent', 'weak_edge')
 _OF_FAULTY_SAMPLES = ('baseline_drift', 'echo_band')
 
 

@@ -194,6 +194,8 @@ class SolverParameters(Group):
     method: str = parameter('evidence', 'how the polygon is found', choices=('evidence', 'paper', 'rectangle'),
                             live=True)
     max_edges: int = parameter(10, 'K, upper bound of the number of edges', minimum=3, maximum=64, live=True)
+    outline: str = parameter('auto', 'auto: outlines that are not convex are looked for where no convex one explains '
+                             'the echoes; convex: they are not', choices=('auto', 'convex'), live=True)
     period_s: float = parameter(1.0, 'time between two solves of the node', unit='s', minimum=1e-3, maximum=1e6,
                                 live=True)
     seed: int = parameter(1, 'seed of the one random generator', minimum=0, maximum=2**63 - 1, live=True)

@@ -147,8 +147,23 @@ def _slam(arguments: argparse.Namespace) -> int:
     return console.DONE
 
 
+def _shapes(arguments: argparse.Namespace) -> int:
+    from polymap_ros.evaluation.shapes_experiment import ShapesExperiment, shape_failures, shapes_table
+    from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS
+
+    kinds = _kinds(arguments, SHAPE_KINDS)
+    parameters, _, seeds, _ = _scenes(arguments)
+    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters)
+    done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
+    trials = sorted((trial for group in done for trial in group), key=lambda entry: (
+        kinds.index(entry.kind), entry.trial.seed))
+    text = f'{shapes_table(trials)}\n\nNot right, or flagged:\n\n{shape_failures(trials)}'
+    _write(arguments.output, trials, text, {})
+    return console.DONE
+
+
 _RUN = {'paper': _paper, 'random': _random, 'online': _online, 'doubt': _doubt, 'calibration': _calibration,
-        'slam': _slam, 'live': _live, 'cpu': _live, 'speed': _speed}
+        'slam': _slam, 'shapes': _shapes, 'live': _live, 'cpu': _live, 'speed': _speed}
 
 
 def _spare(folder: Path) -> None:

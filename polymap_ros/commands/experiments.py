@@ -61,6 +61,12 @@ EXPERIMENTS = {
         'the path off, and what is told. Writes results.csv and table.md.',
         'about 4 s of one core for each scene; 60 scenes of each kind by default.',
         ('slam --variant typical --seeds 1:5 --jobs 2 --output typical', 'slam --jobs 2 --output slam')),
+    'shapes': Experiment(
+        'outlines that are not convex',
+        'Outlines that are not convex, L, T and others, with paths into all of their arms, echoes of every sequence of '
+        'walls: how many are right, how exact, and what it takes. Writes results.csv and table.md.',
+        'about 10 s of one core for each scene; 10 scenes of each kind by default.',
+        ('shapes --variant l --seeds 1:5 --jobs 2 --output l', 'shapes --jobs 2 --output shapes')),
     'live': Experiment(
         'the real node over DDS for minutes',
         'The real node over DDS, driven round a plate: what it loses, what it costs and how late it is. Needs ROS. '
@@ -83,6 +89,7 @@ EXPERIMENTS = {
 }
 
 _SCENES = 'random', 'online', 'doubt', 'calibration', 'slam'
+_SEEDED = *_SCENES, 'shapes'
 _DRIVES = 'live', 'cpu'
 
 
@@ -133,7 +140,7 @@ def refuse_what_does_not_act(arguments: argparse.Namespace) -> None:
 def _options() -> dict[str, tuple[Mapping[str, str], dict[str, Any]]]:
     """By flag: what it does in each experiment in which it acts, and how it is parsed."""
     noise = 'signal to noise of a ping [dB], or none for no noise (default: 0)'
-    simulated = 'paper', *_SCENES
+    simulated = 'paper', *_SEEDED
     return {
         '--snr-db': (dict.fromkeys(simulated, noise) | {'random': f'{noise}, or several of them'},
                      {'type': _snrs, 'metavar': 'X,...'}),
@@ -143,11 +150,11 @@ def _options() -> dict[str, tuple[Mapping[str, str], dict[str, Any]]]:
         '--repetitions': ({'paper': 'runs per scene (default: 10)', 'speed': 'pairs of measurements (default: 20)'},
                           {'type': console.count, 'metavar': 'N'}),
         '--edges': (dict.fromkeys(_SCENES, 'numbers of edges (default: 3-8)'), {'type': _edges, 'metavar': 'A-B'}),
-        '--seeds': (dict.fromkeys(_SCENES, 'first seed, end (exclusive) and step of the scenes (default: 0:10:1)'),
+        '--seeds': (dict.fromkeys(_SEEDED, 'first seed, end (exclusive) and step of the scenes (default: 0:10:1)'),
                     {'type': _seeds, 'metavar': 'A:B:STEP'}),
         '--variant': (dict.fromkeys(('random', 'online'), 'what the scenes are like (default: plate); an unknown name '
                                                           'lists all')
-                      | dict.fromkeys(('doubt', 'calibration', 'slam'),
+                      | dict.fromkeys(('doubt', 'calibration', 'slam', 'shapes'),
                                       'one kind of scene (default: all); an unknown name lists all'), {'metavar': 'V'}),
         '--drive': ({'random': 'drive stretches of the odometry in this recording (topic: topics.odom; of a ROS 1 bag '
                                'rosbags-convert makes one), turned and scaled to fill the rooms'},

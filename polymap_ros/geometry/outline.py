@@ -95,6 +95,18 @@ def normals_of(lines: NDArray[np.float64]) -> NDArray[np.float64]:
     return table
 
 
+def crossings(lines: NDArray[np.float64], least_sine: float) -> NDArray[np.float64]:
+    """Return where along line i it is crossed by line j, from the foot of the origin (k, k) [m]; nan where they do not
+    cross, or at an angle whose sine is smaller.
+    """
+    table = normals_of(lines)
+    c, s = table[:, 1], table[:, 2]
+    sine, cosine = np.outer(c, s) - np.outer(s, c), np.outer(c, c) + np.outer(s, s)
+    along = np.full(sine.shape, np.nan)
+    np.divide(table[None, :, 0] - table[:, None, 0] * cosine, sine, out=along, where=np.abs(sine) >= least_sine)
+    return along
+
+
 @kernel
 def edges_of(
     lines: NDArray[np.float64]
@@ -188,7 +200,11 @@ def _crosses_itself(corners: NDArray[np.float64]) -> bool:
         a, b = corners[i], corners[(i + 1) % n]
         for k in range(i + 2, n if i > 0 else n - 1):
             c, d = corners[k], corners[(k + 1) % n]
-            if _side(a, b, c) * _side(a, b, d) <= 0.0 and _side(c, d, a) * _side(c, d, b) <= 0.0:
+            apart = False  # as two edges on one line are, which are on no side of each other
+            for axis in range(2):
+                apart = apart or max(a[axis], b[axis]) < min(c[axis], d[axis]) or (
+                    max(c[axis], d[axis]) < min(a[axis], b[axis]))
+            if not apart and _side(a, b, c) * _side(a, b, d) <= 0.0 and _side(c, d, a) * _side(c, d, b) <= 0.0:
                 return True
     return False
 

@@ -1,10 +1,14 @@
-"""A polygonal region with holes, laid out flat so that its overlap with a convex polygon is one compiled pass."""
+"""A polygonal region with holes, laid out flat so that its overlap with a convex polygon is one compiled pass.
+
+That with any other polygon is shapely's.
+"""
 
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.polygon import orient
 
+from polymap_ros.geometry.outline import is_convex
 from polymap_ros.jit import kernel
 
 
@@ -32,10 +36,15 @@ class Region:
         self.points = np.ascontiguousarray(np.concatenate(rings)) if rings else np.empty((0, 2))
         self.ends = np.cumsum([len(ring) for ring in rings], dtype=np.int64)
         self.area = float(shape.area)
+        self._shape = shape
 
     def iou(self, vertices: ArrayLike) -> float:
-        """Intersection over union with a convex counter-clockwise polygon (n, 2); 0 if it has no vertices."""
+        """Intersection over union with a counter-clockwise polygon (n, 2); 0 if it has no vertices."""
         starts = np.ascontiguousarray(vertices, dtype=float).reshape(-1, 2)
+        if not is_convex(starts):
+            polygon = shapely.Polygon(starts)
+            both = float(shapely.intersection(polygon, self._shape).area)
+            return both / (self.area + float(polygon.area) - both)
         along = np.concatenate((starts[1:], starts[:1])) - starts
         return float(iou_with_edges(self.points, self.ends, self.area, starts, along))
 

@@ -68,7 +68,7 @@ class FreeArea:
         return self.region.area
 
     def iou(self, vertices: ArrayLike) -> float:
-        """IoU of A_T with a convex counter-clockwise polygon (n, 2), the second term of eq. (5)."""
+        """IoU of A_T with a counter-clockwise polygon (n, 2), the second term of eq. (5)."""
         return self.region.iou(vertices)
 
     def _update(self) -> Region:

@@ -12,6 +12,8 @@ from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import air_filled, mistaken, random_scene
 from polymap_ros.simulation.reflectors import Reflectors, heard_images
 from polymap_ros.simulation.scenes import Scene, half_planes
+from polymap_ros.simulation.shaped_scenes import l_shape, t_shape
+from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free
 
 _PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
@@ -79,29 +81,14 @@ def _unheard(seed: int, edges: int) -> Doubtful:
     return _as_it_is(dataclasses.replace(scene, reflection=reflection))
 
 
-def l_shape(generator: np.random.Generator) -> NDArray[np.float64]:
-    """Corners (6, 2) of an L, counter-clockwise [m]."""
-    width, height = generator.uniform(0.9, 1.4, 2)
-    x, y = generator.uniform(0.35, 0.65, 2) * (width, height)
-    return np.array([[0.0, 0.0], [width, 0.0], [width, y], [x, y], [x, height], [0.0, height]])
-
-
-def t_shape(generator: np.random.Generator) -> NDArray[np.float64]:
-    """Corners (8, 2) of a T, counter-clockwise [m]."""
-    width, height = generator.uniform(1.0, 1.5, 2)
-    left, right = np.array((generator.uniform(0.2, 0.35), generator.uniform(0.65, 0.8))) * width
-    y = generator.uniform(0.4, 0.6) * height
-    return np.array([[left, 0.0], [right, 0.0], [right, y], [width, y], [width, height], [0.0, height], [0.0, y],
-                     [left, y]])
-
-
 def _not_convex(outline: Callable[[np.random.Generator], NDArray[np.float64]]) -> Callable[[int, int], Doubtful]:
     def make(seed: int, edges: int) -> Doubtful:
         generator = np.random.default_rng([seed, edges, _STREAM])
         corners, turn = outline(generator), generator.uniform(0.0, 2.0 * np.pi)
         c, s = np.cos(turn), np.sin(turn)
         corners = (corners - corners.mean(axis=0)) @ np.array([[c, s], [-s, c]])
-        scene = Scene(name='', vertices=_hull(corners), poses=_walk(corners, generator), seed=seed)
+        poses = legs_inside(corners, _PINGS, _STEP_M, _CLEARANCE_M, generator)
+        scene = Scene(name='', vertices=_hull(corners), poses=poses, seed=seed)
         return Doubtful(scene, _among(Reflectors.outline(corners), scene))
     return make
 
@@ -110,28 +97,6 @@ def _hull(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     from scipy.spatial import ConvexHull
 
     return np.asarray(corners[ConvexHull(corners).vertices])
-
-
-def _walk(corners: NDArray[np.float64], generator: np.random.Generator) -> NDArray[np.float64]:
-    """Poses on straight legs between random places in a simple polygon, clear of its edges."""
-    import shapely
-
-    free = shapely.Polygon(corners).buffer(-_CLEARANCE_M)
-    poses: list[tuple[float, float, float]] = []
-    place = None
-    while len(poses) < _PINGS:
-        target = generator.uniform(corners.min(axis=0), corners.max(axis=0))
-        if not free.covers(shapely.Point(target) if place is None else shapely.LineString((place, target))):
-            continue
-        if place is not None:
-            x, y = target - place
-            hops = int(np.hypot(x, y) / _STEP_M)
-            heading = float(np.arctan2(y, x))
-            steps = np.arange(1, hops + 1)[:, None] * _STEP_M * np.array((np.cos(heading), np.sin(heading)))
-            poses += [(float(at[0]), float(at[1]), heading) for at in place + steps]
-            target = place + steps[-1] if hops else place
-        place = target
-    return np.array(poses[:_PINGS])
 
 
 def _among(reflectors: Reflectors, scene: Scene) -> NDArray[np.float64]:

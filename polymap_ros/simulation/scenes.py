@@ -4,10 +4,12 @@ import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.errors import SceneError
+from polymap_ros.geometry.outline import is_convex
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
@@ -26,6 +28,12 @@ _BOUNDS = {
     'position_noise_m': (0.0, 1e6), 't0_s': (-100.0, 100.0), 'snr_db': (-300.0, 300.0)}
 """Beyond these the samples would be no numbers, the stamps none of ROS, or the work without end."""
 
+_LEAST_TURN = 1e-9
+"""By less than this [rad] a polygon turns at no corner."""
+
+_ROUNDING_M = 1e-9
+"""How far outside a foot may be by rounding [m]."""
+
 _GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM, _DRIFT_STREAM = 1, 2, 3, 8
 
 
@@ -38,7 +46,8 @@ class Scene:
     name : str
         Name, for tables and files.
     vertices : array_like, shape (n, 2)
-        Corners of the convex polygon [m] in the odometry's frame, in either direction; kept counter-clockwise.
+        Corners of the outline, a simple polygon [m], in the odometry's frame, in either direction; kept
+        counter-clockwise.
     poses : array_like, shape (T, 3)
         True poses of the robot's base at the pings: x, y [m], yaw [rad]; emitter and receiver are always inside.
     medium, pulse, sensor, grid : parameter groups
@@ -224,27 +233,38 @@ def half_planes(vertices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDA
 
 
 def clearance(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of points (m, 2) from the nearest edge line [m]; negative outside the convex polygon."""
-    normals, offsets = half_planes(vertices)
-    return np.asarray((offsets - points @ normals.T).min(axis=1))
+    """Distance of points (m, 2) from the nearest edge of a simple polygon [m]; not above 0 outside."""
+    if is_convex(np.ascontiguousarray(vertices, dtype=float)):
+        normals, offsets = half_planes(vertices)
+        return np.asarray((offsets - points @ normals.T).min(axis=1))
+    outline, places = shapely.Polygon(vertices), shapely.points(points)
+    away = shapely.distance(outline.exterior, places)
+    return np.asarray(np.where(shapely.contains(outline, places), away, -away))
 
 
 def audible_feet(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where the perpendicular foot of point i is on edge j, so that its first-order echo exists; (m, n)."""
+    """Where the foot of point i is on edge j in plain sight, so that its first-order echo exists; (m, n)."""
     along = np.roll(vertices, -1, axis=0) - vertices
     share = (points @ along.T - np.einsum('ij,ij->i', vertices, along)) / np.einsum('ij,ij->i', along, along)
-    return np.asarray((share >= 0.0) & (share <= 1.0))
+    audible = np.asarray((share >= 0.0) & (share <= 1.0))
+    if not is_convex(np.ascontiguousarray(vertices, dtype=float)):
+        feet = vertices[None] + share[:, :, None] * along[None]
+        ways = shapely.linestrings(np.stack((np.broadcast_to(points[:, None], feet.shape), feet), axis=2))
+        audible &= shapely.covers(shapely.Polygon(vertices).buffer(_ROUNDING_M), ways)
+        outwards = np.einsum('mnk,nk->mn', feet - points[:, None], np.column_stack((along[:, 1], -along[:, 0])))
+        audible &= outwards > 0.0
+    return audible
 
 
 def counter_clockwise(
     vertices: ArrayLike, reflection: ArrayLike = 1.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Check a convex polygon (n, 2) and its reflection coefficients, one or (n,), and put both counter-clockwise.
+    """Check a simple polygon (n, 2) and its reflection coefficients, one or (n,), and put both counter-clockwise.
 
     Raises
     ------
     SceneError
-        If the polygon is not strictly convex, or a coefficient is not between -1 and 1.
+        If edges of the polygon cross or meet, a corner is none, or a coefficient is not between -1 and 1.
     """
     corners, coefficients = np.asarray(vertices, dtype=float), np.asarray(reflection, dtype=float)
     if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2 or not np.isfinite(corners).all():
@@ -260,6 +280,7 @@ def counter_clockwise(
     following = np.roll(along, -1, axis=0)
     turns = np.arctan2(along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0],
                        np.einsum('ij,ij->i', along, following))
-    if not ((turns > 1e-9).all() and abs(turns.sum() - 2.0 * np.pi) < 1e-6):
-        raise SceneError('the polygon is not strictly convex, or it goes round more than once')
+    sharp = (np.abs(turns) > _LEAST_TURN) & (np.abs(turns) < np.pi - _LEAST_TURN)
+    if not (sharp.all() and abs(turns.sum() - 2.0 * np.pi) < 1e-6 and shapely.Polygon(corners).is_valid):
+        raise SceneError('edges of the polygon cross or meet, or it goes straight on or back at a corner')
     return corners, coefficients

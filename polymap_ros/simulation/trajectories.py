@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
+from polymap_ros.geometry.outline import is_convex
 from polymap_ros.simulation.scenes import MOST_PINGS, half_planes
 
 _LEG_DRAWS = 32
@@ -59,13 +61,15 @@ def recorded(path: NDArray[np.float64], count: int) -> NDArray[np.float64]:
 def fitted(
     poses: NDArray[np.float64], vertices: NDArray[np.float64], clearance_m: float, turn_rad: float = 0.0
 ) -> NDArray[np.float64]:
-    """Turn, scale and shift a path (T, 3) so that it fills the polygon, no nearer than `clearance_m` to an edge.
+    """Turn, scale and shift a path (T, 3) so that it fills a convex polygon, no nearer than `clearance_m` to an edge.
 
     The largest scale s and the shift t follow from the linear programme: maximise s with
     n_k . (s R x_i + t) <= r_k - clearance for all edges k and positions i.
     """
     from scipy.optimize import linprog
 
+    if not is_convex(np.ascontiguousarray(vertices)):
+        raise SceneError('a recorded drive is fitted into convex polygons only; give legs, or pings and step_m')
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     turned = poses[:, :2] @ np.array([[c, s], [-s, c]])
     normals, offsets = half_planes(vertices)
@@ -84,8 +88,11 @@ def random_legs(
     """Draw poses (count, 3) about `step_m` apart on legs between random places at least `clearance_m` inside.
 
     Each leg heads for a place drawn in the room and ends at the last whole step before it; the step varies by
-    +-7 % from leg to leg. None where the room leaves no leg of one step, or the walk ran into a dead end.
+    +-7 % from leg to leg. None where the room leaves no leg of one step, or the walk ran into a dead end. In a
+    room that is not convex it is as in `legs_inside`.
     """
+    if not is_convex(np.ascontiguousarray(vertices)):
+        return legs_inside(vertices, count, step_m, clearance_m, generator)
     normals, offsets = half_planes(vertices)
     limits = offsets - clearance_m
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -106,6 +113,40 @@ def random_legs(
         if len(marks) >= count:
             return _along(np.array(corners), np.array(headings), np.array(marks[:count]))
     return None
+
+
+def legs_inside(
+    vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator
+) -> NDArray[np.float64]:
+    """Draw poses (count, 3) `step_m` apart on straight legs between random places in a simple polygon (n, 2).
+
+    Each leg is clear of the edges, and ends at the last whole step before its place.
+
+    Raises
+    ------
+    SceneError
+        Where the polygon is too narrow for such a walk.
+    """
+    free = shapely.Polygon(vertices).buffer(-clearance_m)
+    if free.is_empty:
+        raise SceneError(f'no place in the polygon is {clearance_m:g} m away from its edges')
+    poses: list[tuple[float, float, float]] = []
+    place = None
+    for _ in range(_LEG_DRAWS * (count + _LEG_DRAWS)):
+        if len(poses) >= count:
+            return np.array(poses[:count])
+        target = generator.uniform(vertices.min(axis=0), vertices.max(axis=0))
+        if not free.covers(shapely.Point(target) if place is None else shapely.LineString((place, target))):
+            continue
+        if place is not None:
+            x, y = target - place
+            hops = int(np.hypot(x, y) / step_m)
+            heading = float(np.arctan2(y, x))
+            steps = np.arange(1, hops + 1)[:, None] * step_m * np.array((np.cos(heading), np.sin(heading)))
+            poses += [(float(at[0]), float(at[1]), heading) for at in place + steps]
+            target = place + steps[-1] if hops else place
+        place = target
+    raise SceneError(f'no walk of {count} steps of {step_m:g} m found in the polygon, {clearance_m:g} m off its edges')
 
 
 def _along(

@@ -310,3 +310,13 @@ def test_soft_ends_at_right_angles_of_a_t_count_the_images_that_are_heard(turn):
             assert np.sum(weight) == pytest.approx(heard, rel=0.05)
             compared += 1
     assert compared > 5
+
+
+def test_walls_on_one_line_bound_an_outline_unless_they_meet():
+    corners = np.array([[0.0, 0.0], [1.5, 0.0], [1.5, 1.2], [1.0, 1.2],
+                        [1.0, 0.5], [0.45, 0.5], [0.45, 1.2], [0.0, 1.2]])
+    bounds, found = corners_of(np.ascontiguousarray(polygon_lines(corners)))
+    assert bounds
+    np.testing.assert_allclose(found, corners, atol=1e-9)
+    corners[3, 0], corners[4, 0] = 0.4, 0.4  # the arms overlap
+    assert not corners_of(np.ascontiguousarray(polygon_lines(corners)))[0]

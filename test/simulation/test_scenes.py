@@ -25,9 +25,9 @@ def test_clockwise_corners_are_reversed_and_keep_their_reflections():
 @pytest.mark.parametrize(('change', 'word'), [
     ({'vertices': [[0, 0], [1, 0]]}, 'vertices'),
     ({'vertices': [[0, 0], [1, 0], [1, np.nan]]}, 'vertices'),
-    ({'vertices': [[0, 0], [1, 0], [0.4, 0.4], [0, 1]]}, 'convex'),
-    ({'vertices': [[0, 0], [1, 0], [2, 0], [0, 2]]}, 'convex'),
-    ({'vertices': [[np.cos(a), np.sin(a)] for a in np.arange(5) * 4 * np.pi / 5]}, 'convex'),
+    ({'vertices': [[0, 0], [2, 2], [2, 0], [0, 1]]}, 'cross'),
+    ({'vertices': [[0, 0], [1, 0], [2, 0], [0, 2]]}, 'straight on'),
+    ({'vertices': [[np.cos(a), np.sin(a)] for a in np.arange(5) * 4 * np.pi / 5]}, 'cross'),
     ({'poses': [[0.5, 0.5, 0.0], [1.5, 0.5, 0.0]]}, 'pose 1'),
     ({'poses': [[0.5, 0.5]]}, 'poses'),
     ({'reflection': [1.0, 1.0]}, 'reflection'),

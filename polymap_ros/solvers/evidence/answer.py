@@ -116,7 +116,9 @@ class Findings:
             cautions.append(wording.weak_edges(weak))
         if self.unheard:
             cautions.append(wording.corners_unheard(self.unheard))
-        if leaves_much(self.search, found):
+        if leaves_much(self.search, found) and not found.walls.convex_outline:
+            cautions.append(wording.not_convex(found.explained, len(found.lines)))
+        elif leaves_much(self.search, found):
             cautions.append(wording.unexplained(found.explained, len(found.lines), self.search.max_edges))
         cautions += _dispersion(self.search)
         if found.wave is None and self.search.coherent:

@@ -3,10 +3,12 @@
 And corners that are not heard: where a corner has no echoes to miss, any wall may cut it off.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
+from polymap_ros.geometry.lines import away_from
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.solvers.evidence.proposals import across_corners
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -44,17 +46,17 @@ def unheard_corners(search: Search, found: Found) -> dict[int, float]:
     """
     least = _value(search, found, found.walls, FULL_ORDER) - PRICE
     _, corners = corners_of(found.lines)
-    turn = np.mod(found.lines[:, 1] - np.roll(found.lines[:, 1], 1), 2.0 * np.pi)
+    turn = _turns(found)
     unheard: dict[int, float] = {}
     length = max(_LEAST_CUT * search.data.pulse.width_m, _LEAST_SHARE * float(np.ptp(corners, axis=0).max()))
-    asked = set(range(len(corners)))
+    asked = set(np.flatnonzero(turn < np.pi).tolist())  # a corner that points inwards cannot be cut off
     while asked:
         depth = 0.5 * length * np.tan(0.5 * turn)
         lines = across_corners(found.lines[:, 1], corners, 0.5, depth)
         for corner in sorted(asked):
             search.checkpoint()
-            cut = found.walls.with_line(lines[corner], 0.0)
-            if _is_beyond(search, lines[corner]) and _value(search, found, cut, FULL_ORDER) > least:
+            cut = found.walls.inserted(corner, lines[corner], 0.0)
+            if _holds_pings(search, cut, corner) and _value(search, found, cut, FULL_ORDER) > least:
                 unheard[corner] = float(depth[corner])
             else:
                 asked.remove(corner)
@@ -75,14 +77,23 @@ def silent_cuts(search: Search, found: Found) -> Iterator[Walls]:
     lines = found.lines
     _, corners = corners_of(lines)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    turn = np.mod(lines[:, 1] - np.roll(lines[:, 1], 1), 2.0 * np.pi)
+    turn = _turns(found)
     depth = np.minimum(lengths, np.roll(lengths, 1)) * np.sin(0.5 * turn)  # that takes all of the shorter edge away
     for share in CUT_SHARES:
-        for r, theta in across_corners(lines[:, 1], corners, 0.5, share * depth):
-            if _is_beyond(search, (r, theta)):
-                yield found.walls.with_line(np.array((r, theta)), 0.0)
+        for corner, line in enumerate(across_corners(lines[:, 1], corners, 0.5, share * depth)):
+            cut = found.walls.inserted(corner, line, 0.0)
+            if turn[corner] < np.pi and _holds_pings(search, cut, corner):
+                yield cut
 
 
-def _is_beyond(search: Search, line: Sequence[float]) -> bool:
-    """Whether all pings are on the near side of a line."""
-    return bool(line[0] > np.max(search.data.positions @ (np.cos(line[1]), np.sin(line[1]))))
+def _turns(found: Found) -> NDArray[np.float64]:
+    """Return by how much the outline turns left at each corner [rad]; more than half a turn where it points inwards."""
+    theta = found.lines[:, 1]
+    return np.asarray(np.mod(theta - np.roll(theta, 1), 2.0 * np.pi))
+
+
+def _holds_pings(search: Search, cut: Walls, at: int) -> bool:
+    """Whether no ping is in the triangle that a line across a corner, wall `at`, cuts off."""
+    sides = cut.lines[[at - 1, at, (at + 1) % len(cut)]]
+    away = np.array([away_from(side, search.data.positions) for side in sides])
+    return not bool(np.any((away[0] > 0.0) & (away[1] <= 0.0) & (away[2] > 0.0)))

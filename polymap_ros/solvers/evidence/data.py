@@ -61,6 +61,8 @@ class EchoData:
         Amplitude ~ distance**-spreading.
     poses : ndarray, shape (N, 3)
         x, y [m] and yaw [rad] of the robot's base in the start frame, to which the device is fixed.
+    first_m : ndarray, shape (N,)
+        Range of each ping's first echo [m].
     arm_m : tuple of float
         x and y of the device on the robot, and of its baseline there.
     foot_limits : tuple of float
@@ -79,6 +81,7 @@ class EchoData:
     pulse: PulseShape
     spreading: float
     poses: NDArray[np.float64]
+    first_m: NDArray[np.float64]
     arm_m: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     foot_limits: tuple[float, float] = (-np.inf, np.inf)
 
@@ -153,7 +156,8 @@ class EchoData:
         """Some of the pings, by a mask or their numbers."""
         return dataclasses.replace(
             self, positions=self.positions[pings], baselines=self.baselines[pings], signal=self.signal[pings],
-            power=self.power[pings], filling=self.filling[pings], gain=self.gain[pings], poses=self.poses[pings])
+            power=self.power[pings], filling=self.filling[pings], gain=self.gain[pings], poses=self.poses[pings],
+            first_m=self.first_m[pings])
 
     @classmethod
     def of(
@@ -186,6 +190,8 @@ class EchoData:
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
         gain = excess / np.median(excess)
         nowhere, upwards = np.empty((len(poses), 2)), np.full((len(poses), 3), z)
+        first_m = np.array([sounding.rho for sounding in soundings])
         data = cls(nowhere, upwards, signal, np.ascontiguousarray(power), filling, gain, first, float(ranges[last]),
-                   stride * pulse.step_m, pulse, spreading, poses, (mount.x, mount.y, x * c - y * s, x * s + y * c))
+                   stride * pulse.step_m, pulse, spreading, poses, first_m,
+                   (mount.x, mount.y, x * c - y * s, x * s + y * c))
         return data.at(poses)

@@ -33,9 +33,13 @@ Axis = tuple[NDArray[np.float64], NDArray[np.float64]]
 def mirror_image(search: Search, found: Found, doubtful: bool) -> Found | None:
     """The best polygon near an answer's mirror image; None where it is the same, or explains far less.
 
+    Of an outline that is not convex none is looked for: narrow paths do not find one.
+
     A wrong answer is an image of the true polygon about some line along the path, which need not be its axis: where the
     path is narrow, or the answer `doubtful`, others are tried until one is worth more and explains the echoes.
     """
+    if not found.walls.convex_outline:
+        return None
     own = search.power.fitted(found.walls, found.power, SEARCH_ORDER)
     assert own is not None, 'the walls bound a polygon'
     reflection, nothing = np.abs(own.walls.reflection), search.power.quiet(own.background)

@@ -11,6 +11,7 @@ from polymap_ros.solvers.evidence.first_walls import first_walls
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.start import chosen, start_at
 from polymap_ros.solvers.evidence.proposals import Candidates
+from polymap_ros.solvers.evidence.ring_search import rehearse_rings
 from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.snapshot import Snapshot
@@ -38,5 +39,7 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
         improved(search, square, 1, np.empty((0, 2)), residual=True)
         search.settle(square)
     search.judge(square)
+    if parameters.solver.outline == 'auto':
+        rehearse_rings(search, walls.lines)
     first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)
     Snapshot.of(evidence).region.iou(corners_of(walls.lines)[1])

@@ -20,18 +20,22 @@ from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
+from polymap_ros.solvers.evidence.moves.retune import retune
 from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
 from polymap_ros.solvers.evidence.moves.slip import fix_cycle_slips, slipped
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.moves.start import Start, starts
-from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall
+from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall, merge_walls
 from polymap_ros.solvers.evidence.power import Power
+from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_start
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     COHERENT,
     FULL_ORDER,
     IN_PHASE,
     PRICE,
+    RING_LINES,
+    RING_WORTH,
     ROUNDS,
     SEARCH_ORDER,
     WHOLE,
@@ -59,7 +63,7 @@ class Found(NamedTuple):
 
     @property
     def lines(self) -> NDArray[np.float64]:
-        """r [m] and theta [rad] of the edges, sorted by theta."""
+        """r [m] and theta [rad] of the edges, in their order."""
         return self.walls.lines
 
     def moved_to(self, lines: NDArray[np.float64]) -> 'Found':
@@ -78,6 +82,16 @@ SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = 
 )
 """The moves of the waveform in the order in which they are tried, each where less than this share is explained."""
 
+RINGS: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+    (weigh_orders, np.inf),
+    (turn_phase, WHOLE),
+    (fix_cycle_slips, np.inf),
+    (drop_wall, np.inf),
+    (merge_walls, np.inf),
+    (retune, np.inf),
+)
+"""The same for outlines that are not convex."""
+
 
 class Search(Ground):
     """A search: it ends with the waveform, if `coherent`, and with power alone otherwise."""
@@ -91,6 +105,20 @@ class Search(Ground):
         for start in starts(self):
             self.checkpoint()
             yield None if start is None else self.settle(self.by_power(start), start.pool)
+
+    def rings(self, convex: Found | None) -> Iterator[Found]:
+        """Give outlines that need not be convex, as long as their start is worth clearly more than the convex one."""
+        fitted = convex and self.power.fitted(convex.walls, convex.power, SEARCH_ORDER)
+        nothing = self.nothing.value
+        least = RING_WORTH * ((fitted.value if fitted else nothing) - nothing)
+        for most in RING_LINES:
+            self.checkpoint()
+            start, pool = ring_start(self, most)
+            if start is None or start.value - nothing < least:
+                return
+            found = self.settle(improved_ring(self, start, pool))
+            if found is not None:
+                yield found
 
     def by_power(self, start: Start) -> Power:
         """Improve a start by single changes, by echoes of two orders, then of three."""
@@ -125,6 +153,8 @@ class Search(Ground):
         found = None
         if wave is not None and wave.value >= COHERENT * power.value:
             found = self.changed(power, wave)
+        if not power.walls.convex_outline:
+            return found or self.judged(power, None)
         if found is None or found.value < IN_PHASE * power.value:
             pool = np.empty((0, 2)) if pool is None else pool
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
@@ -135,7 +165,8 @@ class Search(Ground):
         for _ in range(ROUNDS):
             self.checkpoint()
             standing = Standing(power, wave, self.explained(wave))
-            changed = (move(self, standing) for move, below in SCHEDULE if standing.explained < below)
+            schedule = SCHEDULE if wave.walls.convex_outline else RINGS
+            changed = (move(self, standing) for move, below in schedule if standing.explained < below)
             better = next((each for each in changed if each is not None), None)
             if better is None:
                 break
@@ -144,7 +175,7 @@ class Search(Ground):
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""
-        if found.wave is None:
+        if found.wave is None or not found.walls.convex_outline:
             return None
         wave = replace_by_scan(self, Standing(found.power, found.wave, found.explained))
         return None if wave is None else self.changed(found.power, wave)

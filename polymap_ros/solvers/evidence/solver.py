@@ -52,6 +52,10 @@ of a second mode or of a seam are fitted by up to 0.02 more."""
 _BY_CHANCE = 2.0
 """Nats per ping that moving it may bring although it is where it was reported: twice the mean of two coordinates'."""
 
+_NOT_CONVEX = 0.6
+"""Share of the echoes from which an outline that is not convex, and explains clearly more than a convex one, ends the
+search: neither other starts nor poses help then."""
+
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
 
@@ -134,10 +138,14 @@ class EvidenceSolver:
         self._searched = heard
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons()
+        ring = None
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
+                ring = self._ring(reported, best, enough)
+                if ring is not None and (ring.explained > _NOT_CONVEX or _explains(reported, ring, enough)):
+                    return reported, ring, None
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
@@ -150,7 +158,19 @@ class EvidenceSolver:
                 if mended is None:
                     break
                 best = mended
+        if ring is not None and (best is None or ring.value > best.value):
+            return reported, ring, None
         return search, best, track and best and track.with_found(best)
+
+    def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:
+        """The best outline that need not be convex, from the reported poses; None where there is none."""
+        best = None
+        for ring in reported.rings(convex) if self._parameters.solver.outline == 'auto' else ():
+            if best is None or ring.value > best.value:
+                best = ring
+            if _explains(reported, best, enough):
+                break
+        return best
 
     def _tracked(
         self, reported: Search, chain: Chain, found: Found | None, enough: float

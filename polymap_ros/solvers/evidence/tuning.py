@@ -39,6 +39,13 @@ FEW, ENOUGH, SCORED = 3, 20, 12
 POOL = 100
 """Candidate lines of a start: random plates have 20 to 60 that bring anything."""
 
+RING_LINES = 150, 60
+"""The same of each of two rankings for an outline that is not convex, at the first and at the second attempt: of 27
+outlines (even seeds) two have a wall of 7 or 8 feet that ranks below the 110th."""
+
+RING_WORTH = 1.1
+"""Times the log likelihood of power that a ring to start from has to be worth of what a convex outline is."""
+
 ANNEALING = 20_000
 """Iterations over subsets of them."""
 

@@ -65,6 +65,12 @@ class Walls:
         return len(self.lines)
 
     @property
+    def convex_outline(self) -> bool:
+        """Whether the lines, in their order, bound a convex outline."""
+        turns = np.mod(np.roll(self.lines[:, 1], -1) - self.lines[:, 1], 2.0 * np.pi)
+        return bool(np.all(turns < np.pi))
+
+    @property
     def loss(self) -> NDArray[np.float64]:
         """ln |rho| (n,); 0 for a silent wall, whose coefficient stays."""
         return np.where(self.silent, 0.0, np.log(np.maximum(np.abs(self.reflection), _LEAST_REFLECTION)))
@@ -90,6 +96,12 @@ class Walls:
         """Return a convex outline's walls and one more."""
         delay = np.append(self.delay, 0.0) if len(self.delay) else None
         return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay)
+
+    def inserted(self, at: int, line: NDArray[np.float64], reflection: float) -> Self:
+        """Return the walls and one more, between wall `at` - 1 and wall `at`."""
+        return replace(self, lines=np.ascontiguousarray(np.insert(self.lines, at, line, 0)),
+                       reflection=np.insert(self.reflection, at, reflection),
+                       delay=np.insert(self.delay, at, 0.0) if len(self.delay) else self.delay)
 
     def shifted(self, wall: int, by_m: float, turned: bool = False) -> Self:
         """Return the walls with one of them farther out, the sign of its coefficient turned if asked for."""

@@ -59,7 +59,7 @@ def nothing_closes(
         return Caution('not_closed', f'{count}, but solver.max_edges allows {most}', 'raise solver.max_edges')
     if enclosing:
         return Caution(
-            'not_closed', f'{count} and enclose an area, but no convex polygon explains the other echoes',
+            'not_closed', f'{count} and enclose an area, but no outline explains the other echoes',
             'if no corner of the outline points inwards and nothing stands inside it, let polymap_replay --calibrate '
             'or --fit-odometry check medium and odometry')
     lack, remedy = _lack(walls, heard, pulse, straight, untracked)
@@ -85,7 +85,7 @@ def _lack(
     if straight:
         return 'those beside a straight path look like their mirror images', CAUTIONS['straight_path'].remedy
     if untracked:
-        return ('no convex polygon explains the echoes, nor does a drift of the odometry as slam.noise_* assume it',
+        return ('no outline explains the echoes, nor does a drift of the odometry as slam.noise_* assume it',
                 'where the odometry slips or drifts by more, ping more often on the way, or raise slam.noise_*; where '
                 'it is right, look for a corner that points inwards, and let --calibrate check the medium')
     if walls:
@@ -154,6 +154,12 @@ def corners_unheard(depths_m: Mapping[int, float]) -> Caution:
     where = ', '.join(f'{corner} (up to {in_metres(depth)} of it)' for corner, depth in sorted(depths_m.items()))
     return Caution('unheard_corner', f'no echo has been near corner {where}: a wall that cuts it off would not have '
                                      'been heard')
+
+
+def not_convex(explained: float, edges: int) -> Caution:
+    """Say that an outline that is not convex explains the echoes best, and not enough of them to be sure."""
+    return Caution('not_convex', f'an outline of {edges} edges that is not convex explains {explained:.0%} of the '
+                                 'echoes, clearly more than any convex one, and no more')
 
 
 def unexplained(share: float, edges: int, most: int) -> Caution:

@@ -1,0 +1,92 @@
+"""Outlines that are not convex: how many are right, and what it takes."""
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from polymap_ros.evaluation.tables import interval, markdown, percent, unique
+from polymap_ros.evaluation.trials import Trial, filled_mapper, judged, ready
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shaped_scene
+
+
+@dataclass(frozen=True)
+class ShapeTrial:
+    """A trial, whose `seconds` are of CPU, and the kind of its scene."""
+
+    kind: str
+    trial: Trial
+
+    def row(self) -> dict[str, object]:
+        """The row of results.csv."""
+        return {'kind': self.kind, **self.trial.row()}
+
+
+@dataclass(frozen=True)
+class ShapesExperiment:
+    """Every kind with every seed.
+
+    Parameters
+    ----------
+    kinds : sequence of str
+        Of `SHAPE_KINDS`.
+    seeds : sequence of int
+        As many scenes per kind as seeds.
+    snr_db : float or None
+        As in `Scene`.
+    parameters : Parameters
+        What the scene does not prescribe.
+    """
+
+    kinds: Sequence[str]
+    seeds: Sequence[int]
+    snr_db: float | None
+    parameters: Parameters
+
+    def scenes(self) -> list[tuple[str, int]]:
+        """Kind and seed of every scene."""
+        return [(kind, seed) for kind in self.kinds for seed in self.seeds]
+
+    def run_one(self, kind: str, seed: int) -> list[ShapeTrial]:
+        """The trial of one scene."""
+        scene = dataclasses.replace(shaped_scene(kind, seed), snr_db=self.snr_db)
+        ready(self.parameters)
+        mapper = filled_mapper(scene, self.parameters, clean_echoes(scene))
+        started = time.process_time()
+        estimate = mapper.solve()
+        method = self.parameters.solver.method
+        return [ShapeTrial(kind, judged(estimate, scene, method, time.process_time() - started))]
+
+
+def shapes_table(trials: Sequence[ShapeTrial]) -> str:
+    """By kind and for all: right with its 95 % interval (Wilson 1927), what is told, errors of right ones, CPU time."""
+    header = ['outline', 'right', '95 % interval', 'silently wrong', 'open', 'right, yet flagged',
+              'offset error, median [mm]', 'r, theta within 2 sigma', 'CPU [s] median / worst', 'median of those open']
+    groups = [(SHAPE_KINDS[kind].text, [entry.trial for entry in trials if entry.kind == kind])
+              for kind in unique(entry.kind for entry in trials)]
+    rows = []
+    for text, group in (*groups, ('all', [entry.trial for entry in trials])):
+        right = [trial for trial in group if trial.right]
+        is_open = [trial.seconds for trial in group if trial.status != 'closed']
+        offsets = [offset for trial in right for offset in trial.offsets_m]
+        within = [percent(np.mean(np.abs(z) <= 2.0).item()) if z else '-' for z in (
+            [score for trial in right for score in trial.z_r], [score for trial in right for score in trial.z_theta])]
+        seconds = [trial.seconds for trial in group]
+        rows.append([
+            text, f'{len(right)} of {len(group)}', interval(len(right), len(group)),
+            str(sum(not trial.flagged and not trial.right for trial in group)), str(len(is_open)),
+            str(sum(trial.flagged for trial in right)), f'{1e3 * np.median(offsets):.3f}' if offsets else '-',
+            ', '.join(within), f'{np.median(seconds):.1f} / {max(seconds):.1f}',
+            f'{np.median(is_open):.1f}' if is_open else '-'])
+    return markdown(header, rows)
+
+
+def shape_failures(trials: Sequence[ShapeTrial]) -> str:
+    """The scenes that are not right, or flagged, with their status and cautions."""
+    lines = [f'- {entry.trial.scene}: {", ".join((entry.trial.status, *entry.trial.cautions))}'
+             f'{"" if entry.trial.right else " (not right)"}'
+             for entry in trials if not entry.trial.right or entry.trial.flagged]
+    return '\n'.join(lines) or '- none'

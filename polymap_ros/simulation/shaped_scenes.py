@@ -1,0 +1,148 @@
+"""Random outlines that are not convex, with a random path into all of their arms."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from polymap_ros.errors import SceneError
+from polymap_ros.simulation.reflectors import Reflectors, heard_images
+from polymap_ros.simulation.scenes import Scene, audible_feet
+from polymap_ros.simulation.trajectories import legs_inside
+from polymap_ros.simulation.waveforms import noise_free
+
+Points = NDArray[np.float64]
+
+_PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
+_FEET, _LEAST_EDGE_M = 6, 0.24
+_DRAWS, _PATH_DRAWS = 1000, 4
+_STREAM = 9
+
+
+@dataclass(frozen=True)
+class ShapeKind:
+    """What an outline is like, and how its corners (n, 2), counter-clockwise [m], are drawn."""
+
+    text: str
+    corners: Callable[[np.random.Generator], Points]
+
+
+def shaped_scene(kind: str, seed: int) -> Scene:
+    """Draw the scene of a kind of `SHAPE_KINDS` and a seed: every wall is heard directly by six pings or more.
+
+    Raises
+    ------
+    SceneError
+        Where a thousand outlines give none.
+    """
+    generator = np.random.default_rng([seed, list(SHAPE_KINDS).index(kind), _STREAM])
+    for _ in range(_DRAWS):
+        corners, turn = SHAPE_KINDS[kind].corners(generator), generator.uniform(0.0, 2.0 * np.pi)
+        c, s = np.cos(turn), np.sin(turn)
+        corners = (corners - corners.mean(axis=0)) @ np.array([[c, s], [-s, c]])
+        outline = shapely.Polygon(corners)
+        free = outline.buffer(-_CLEARANCE_M)
+        lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+        if not outline.is_valid or free.geom_type != 'Polygon' or lengths.min() < _LEAST_EDGE_M:
+            continue
+        for _ in range(_PATH_DRAWS):
+            poses = legs_inside(corners, _PINGS, _STEP_M, _CLEARANCE_M, generator)
+            if audible_feet(corners, poses[:, :2]).sum(axis=0).min() >= _FEET:
+                return Scene(name=f'{kind}-{len(corners)}-{seed}', vertices=corners, poses=poses, seed=seed)
+    raise SceneError(f'{_DRAWS} outlines of the kind {kind} and none is heard by {_FEET} pings a wall')
+
+
+def clean_echoes(scene: Scene) -> Points:
+    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of walls (`reflectors`).
+
+    That is another tracer than the mapper's, by which `noise_free` goes.
+    """
+    reflectors = Reflectors.outline(scene.vertices, scene.reflection)
+
+    def heard(position: Points) -> tuple[Points, Points]:
+        images, amplitude = heard_images(reflectors, position, scene.order)
+        return np.linalg.norm(images - position, axis=1), amplitude
+
+    return noise_free(scene, heard)
+
+
+def l_shape(generator: np.random.Generator) -> Points:
+    """Corners (6, 2) of an L, counter-clockwise [m]."""
+    width, height = generator.uniform(0.9, 1.4, 2)
+    x, y = generator.uniform(0.35, 0.65, 2) * (width, height)
+    return np.array([[0.0, 0.0], [width, 0.0], [width, y], [x, y], [x, height], [0.0, height]])
+
+
+def t_shape(generator: np.random.Generator) -> Points:
+    """Corners (8, 2) of a T, counter-clockwise [m]."""
+    width, height = generator.uniform(1.0, 1.5, 2)
+    left, right = np.array((generator.uniform(0.2, 0.35), generator.uniform(0.65, 0.8))) * width
+    y = generator.uniform(0.4, 0.6) * height
+    return np.array([[left, 0.0], [right, 0.0], [right, y], [width, y], [width, height], [0.0, height], [0.0, y],
+                     [left, y]])
+
+
+def _u_shape(generator: np.random.Generator) -> Points:
+    width, height = generator.uniform(1.1, 1.6, 2)
+    left, right = np.array((generator.uniform(0.28, 0.4), generator.uniform(0.6, 0.72))) * width
+    y = generator.uniform(0.3, 0.5) * height
+    return np.array([[0.0, 0.0], [width, 0.0], [width, height], [right, height], [right, y], [left, y], [left, height],
+                     [0.0, height]])
+
+
+def _z_shape(generator: np.random.Generator) -> Points:
+    """Two bars, one over the other, of which the parts beside each other are joined."""
+    width, height = generator.uniform(1.2, 1.7), generator.uniform(0.9, 1.3)
+    left, right = np.array((generator.uniform(0.3, 0.42), generator.uniform(0.6, 0.72))) * width
+    low, high = np.sort(np.array((generator.uniform(0.35, 0.5), generator.uniform(0.5, 0.65)))) * height
+    return np.array([[0.0, 0.0], [right, 0.0], [right, low], [width, low], [width, height], [left, height],
+                     [left, high], [0.0, high]])
+
+
+def _dart(generator: np.random.Generator) -> Points:
+    """A quadrangle with one corner that points inwards."""
+    size = generator.uniform(0.9, 1.4)
+    low, high = generator.uniform(0.1, 0.3, 2)
+    inner = generator.uniform(0.35, 0.5, 2)
+    return size * np.array([[0.0, 0.0], [1.1, low], inner, [high, 1.1]])
+
+
+def _dent(generator: np.random.Generator) -> Points:
+    """A rectangle with a dent in one side."""
+    width, height = generator.uniform(1.0, 1.5, 2)
+    x, depth = generator.uniform(0.35, 0.65) * width, generator.uniform(0.2, 0.35) * height
+    left, right = generator.uniform(0.1, 0.2) * width, generator.uniform(0.8, 0.9) * width
+    return np.array([[0.0, 0.0], [width, 0.0], [width, height], [right, height], [x, height - depth], [left, height],
+                     [0.0, height]])
+
+
+def _steps(generator: np.random.Generator) -> Points:
+    width, height = generator.uniform(1.2, 1.6, 2)
+    x, y = ((generator.uniform(0.3, 0.4) * size, generator.uniform(0.62, 0.72) * size) for size in (width, height))
+    return np.array([[0.0, 0.0], [width, 0.0], [width, y[0]], [x[1], y[0]], [x[1], y[1]], [x[0], y[1]], [x[0], height],
+                     [0.0, height]])
+
+
+def _skewed(corners: Callable[[np.random.Generator], Points]) -> Callable[[np.random.Generator], Points]:
+    """No right angles, no parallel walls."""
+    def skewed(generator: np.random.Generator) -> Points:
+        upright = corners(generator)
+        sheared = upright @ (np.eye(2) + generator.uniform(-0.2, 0.2, (2, 2))).T
+        return np.asarray(sheared + generator.uniform(-0.05, 0.05, upright.shape))
+    return skewed
+
+
+SHAPE_KINDS = {
+    'l': ShapeKind('L', l_shape),
+    't': ShapeKind('T', t_shape),
+    'u': ShapeKind('U', _u_shape),
+    'z': ShapeKind('Z', _z_shape),
+    'dart': ShapeKind('quadrangle with a corner that points inwards', _dart),
+    'dent': ShapeKind('rectangle with a dent', _dent),
+    'skewed_l': ShapeKind('L without right angles', _skewed(l_shape)),
+    'skewed_t': ShapeKind('T without right angles', _skewed(t_shape)),
+    'steps': ShapeKind('two steps', _steps),
+}
+"""By name."""

@@ -1,0 +1,126 @@
+"""The search for outlines that are not convex, by power: from closed walks to a ring that no change improves.
+
+First echoes alone sort out rings by the hundred thousand (`rings`); the likelihood of power, by few pings, then by all,
+says which of the best are worth refining. New candidate lines come from what a ring leaves unexplained.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.solvers.evidence.closed_walks import COSTS, closed_walks
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.oriented_lines import oriented_lines
+from polymap_ros.solvers.evidence.power import Power
+from polymap_ros.solvers.evidence.proposals import first_strength
+from polymap_ros.solvers.evidence.ring_annealing import annealed
+from polymap_ros.solvers.evidence.ring_changes import changes, notched
+from polymap_ros.solvers.evidence.rings import RingFeet, ring_evidence, ring_feet
+from polymap_ros.solvers.evidence.tuning import ANOTHER_POLYGON, PRICE, SEARCH_ORDER
+from polymap_ros.solvers.evidence.walls import Walls
+
+_RESIDUAL = 20
+"""Candidate lines of each ranking of what a ring leaves."""
+
+_WALKED = 120
+"""Lines that walks are made of: their time grows with the square."""
+
+_TRIED_LINES = 80
+"""Lines that are tried in the place of edges, those of the residual first."""
+
+_ANNEALED, _KEPT = 6, 3
+"""Closed walks that are annealed, and rings that are refined by power: the best, if they differ."""
+
+_RING_ANNEALING = 40_000
+"""Of an annealing: the first twentieth of a second."""
+
+_SCORED_RINGS, _REFINED_RINGS = 16, 5
+"""Changes of a round that are scored by all pings, and refined."""
+
+_RING_CHANGES = 12
+"""Changes in a row, at most."""
+
+
+def ring_start(ground: Ground, most: int) -> tuple[Power | None, NDArray[np.float64]]:
+    """Return the best ring from closed walks, refined by two orders and three, and the lines, at most so many of each
+    ranking, that it was chosen among.
+    """
+    data, nothing = ground.data, ground.nothing.expected
+    strength = first_strength(data, nothing)
+    pool, evidence = oriented_lines(data, nothing, strength, most)
+    if len(pool) < 3:
+        return None, pool
+    feet = ring_feet(data, nothing, strength)
+    walks = [ring for costs in COSTS for ring in closed_walks(data, pool[:_WALKED], feet, costs)
+             if len(ring) <= ground.max_edges]
+    walks.sort(key=lambda ring: -ring_evidence(pool[ring], feet))
+    rings: dict[tuple[int, ...], float] = {}
+    for walk in walks[:_ANNEALED]:
+        ground.checkpoint()
+        ring, score = annealed(pool, evidence, walk, feet, ground.max_edges, _RING_ANNEALING, ground.generator)
+        rings[tuple(np.roll(ring, -int(np.argmin(ring))).tolist())] = score
+    best = None
+    for numbers in sorted(rings, key=lambda each: -rings[each])[:_KEPT]:
+        ground.checkpoint()
+        ring, _ = notched(pool, np.array(numbers), rings[numbers], feet, ground.max_edges)
+        power = ground.power.refine(_walls(pool[ring]), ground.nothing.with_strength(strength), 2, 4)
+        if power is not None and (best is None or _worth(power) > _worth(best)):
+            best = power
+    return best and (ground.power.refine(best.walls, best, SEARCH_ORDER, 4) or best), pool
+
+
+def improved_ring(ground: Ground, power: Power, pool: NDArray[np.float64]) -> Power:
+    """Exchange neighbouring edges for lines of the pool (m, 2), and of the residual, while that is worth more."""
+    for _ in range(_RING_CHANGES):
+        ground.checkpoint()
+        fitted = ground.power.fitted(power.walls, power, SEARCH_ORDER)
+        assert fitted is not None, 'the walls bound an outline'
+        more = oriented_lines(ground.data, fitted.expected, fitted.strength, _RESIDUAL).lines
+        feet = ring_feet(ground.data, ground.nothing.expected, fitted.strength)
+        tried = np.vstack((more, pool))[:_TRIED_LINES]
+        better = _changed(ground, fitted, np.vstack((power.walls.lines, tried)), feet)
+        if better is None:
+            break
+        power = better
+    return power
+
+
+def _changed(ground: Ground, fitted: Power, lines: NDArray[np.float64], feet: RingFeet) -> Power | None:
+    """Return the best change of a ring, whose edges are the first of the lines, if it is another outline."""
+    count = len(fitted.walls)
+    rings: Sequence[NDArray[np.int64]] = changes(lines, count, feet, ground.max_edges)
+    reflection = np.append(np.abs(fitted.walls.reflection), np.ones(len(lines) - count))
+    trials = [Walls(np.ascontiguousarray(lines[ring]), reflection[ring]) for ring in rings]
+    for value, order, most in (
+            (ground.few_value, 2, _SCORED_RINGS), (ground.power.value, SEARCH_ORDER, _REFINED_RINGS)):
+        ground.checkpoint()
+        scored = [value(trial, fitted, order) - PRICE * len(trial) for trial in trials]
+        trials = [trials[k] for k in np.argsort(scored, kind='stable')[::-1][:most]]
+    best, least = None, _worth(fitted) + ANOTHER_POLYGON
+    for trial in trials:
+        ground.checkpoint()
+        rough = ground.power.refine(trial, fitted, 2, 3)
+        fine = rough and ground.power.refine(rough.walls, rough, SEARCH_ORDER, 3)
+        if fine is not None and _worth(fine) > least:
+            best, least = fine, _worth(fine)
+    return best
+
+
+def rehearse_rings(ground: Ground, lines: NDArray[np.float64]) -> None:
+    """Use every kernel of this search once, on a convex ring of lines (n, 2) and whatever the pings heard."""
+    data, nothing, ring = ground.data, ground.nothing.expected, np.arange(len(lines))
+    feet = ring_feet(data, nothing, 1.0)
+    oriented_lines(data, np.ones_like(data.power), 1.0, 1)
+    closed_walks(data, lines, feet, COSTS[0])
+    annealed(lines, np.ones(len(lines)), ring, feet, len(lines), 1, ground.generator)
+    notched(lines, ring, np.inf, feet, ground.max_edges)
+    changes(lines, len(lines), feet, ground.max_edges)
+
+
+def _walls(lines: NDArray[np.float64]) -> Walls:
+    return Walls(np.ascontiguousarray(lines), np.ones(len(lines)))
+
+
+def _worth(power: Power) -> float:
+    return power.value - PRICE * len(power.walls)
