@@ -44,9 +44,9 @@ RING_LINES = 150, 60
 outlines (even seeds) two have a wall of 7 or 8 feet that ranks below the 110th."""
 
 RING_WORTH = 1.2
-"""Times the log likelihood of power that a ring to start from has to be worth of what a convex outline is: under odometry
-that drifts, beside a seam or a second mode, and in a wrong medium it is 1.10 times at most (18 scenes), in outlines that
-are not convex 1.47 times and more in 17 of 18 (all of even seeds)."""
+"""Times the log likelihood of power that a ring to start from has to be worth of what a convex outline is: under
+odometry that drifts, beside a seam or a second mode, and in a wrong medium it is 1.10 times at most (18 scenes), in
+outlines that are not convex 1.47 times and more in 17 of 18 (all of even seeds)."""
 
 ANNEALING = 20_000
 """Iterations over subsets of them."""
