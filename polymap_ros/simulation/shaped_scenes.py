@@ -17,7 +17,7 @@ Points = NDArray[np.float64]
 
 _PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
 _FEET, _LEAST_EDGE_M = 6, 0.24
-_DRAWS, _PATH_DRAWS = 1000, 4
+_DRAWS, _PATH_DRAWS = 20_000, 4
 _STREAM = 9
 
 
@@ -35,7 +35,7 @@ def shaped_scene(kind: str, seed: int) -> Scene:
     Raises
     ------
     SceneError
-        Where a thousand outlines give none.
+        Where twenty thousand outlines give none.
     """
     generator = np.random.default_rng([seed, list(SHAPE_KINDS).index(kind), _STREAM])
     for _ in range(_DRAWS):
