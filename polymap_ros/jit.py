@@ -55,6 +55,10 @@ else:
     event.register('numba:run_pass', _COMPILATIONS)  # of which a compilation has dozens: it can be broken off
 
 
+IS_COMPILED = numba is not None
+"""Whether kernels are compiled, and not plain Python."""
+
+
 def when_compiling(tell: Callable[[str], object]) -> None:
     """Call `tell` with a line, once from here on, as soon as a kernel is compiled, and not just loaded."""
     if numba is not None:

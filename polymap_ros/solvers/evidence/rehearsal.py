@@ -5,6 +5,7 @@ from contextlib import suppress
 import numpy as np
 
 from polymap_ros.geometry.outline import corners_of
+from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Stopped
 from polymap_ros.solvers.evidence.first_walls import first_walls
@@ -39,7 +40,7 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
         improved(search, square, 1, np.empty((0, 2)), residual=True)
         search.settle(square)
     search.judge(square)
-    if parameters.solver.outline == 'auto':
+    if parameters.solver.outline == 'auto' and IS_COMPILED:
         rehearse_rings(search, walls.lines)
     first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)
     Snapshot.of(evidence).region.iou(corners_of(walls.lines)[1])

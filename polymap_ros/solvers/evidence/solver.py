@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.cautions import Caution
+from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.estimate import Estimate
@@ -51,6 +52,9 @@ of a second mode or of a seam are fitted by up to 0.02 more."""
 
 _BY_CHANCE = 2.0
 """Nats per ping that moving it may bring although it is where it was reported: twice the mean of two coordinates'."""
+
+_RINGS_FROM = 20
+"""Pings from which outlines that are not convex are looked for: an L of six walls, each heard by three or more."""
 
 _NOT_CONVEX = 0.6
 """Share of the echoes from which an outline that is not convex, and explains clearly more than a convex one, ends the
@@ -163,9 +167,15 @@ class EvidenceSolver:
         return search, best, track and best and track.with_found(best)
 
     def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:
-        """The best outline that need not be convex, from the reported poses; None where there is none."""
+        """The best outline that need not be convex, from the reported poses; None where there is none.
+
+        Few pings do not tell one, and without compiled kernels the search would take hours.
+        """
         best = None
-        for ring in reported.rings(convex) if self._parameters.solver.outline == 'auto' else ():
+        too_few = len(reported.data.positions) < _RINGS_FROM
+        if self._parameters.solver.outline != 'auto' or too_few or not IS_COMPILED:
+            return None
+        for ring in reported.rings(convex):
             if best is None or ring.value > best.value:
                 best = ring
             if _explains(reported, best, enough):
