@@ -97,7 +97,7 @@ CAUTIONS = {
         'look for what else reflects, or a corner that points inwards; if there is neither, let polymap_replay '
         '--calibrate check the medium'),
     'not_convex': Kind(
-        'answer', 'an outline that is not convex explains the echoes best, but not all of them; edges may be wrong',
+        'answer', 'an outline that is not convex explains more of the echoes than a convex one, but not enough of them',
         'drive into every arm and along every wall, with pings closer together, and raise solver.max_edges where the '
         'outline has more edges; solver.outline: convex looks for convex ones only'),
     'odometry_drift': Kind(

@@ -198,6 +198,7 @@ ROWS = {
     'free_area.cell_m': (0.05, mapped, {'free_area.model': 'grid'}),
     'solver.method': ('rectangle', solved, {}),
     'solver.max_edges': (3, solved, {}),
+    'solver.outline': 'solvers/evidence/test_rings.py: test_where_only_convex_ones_are_asked_for_an_l_stays_open',
     'solver.period_s': 'node/test_diagnostics.py: test_solver_that_is_behind_is_told',
     'solver.seed': (2, solved, {'solver.iterations': 20}),
     'solver.iterations': (20, solved, {}),

@@ -30,6 +30,9 @@ _SPARSE = 0.5
 """Times the range that is listened to which lie between a ping and the nearest other one: no wall is told from an echo
 of another one."""
 
+_SUGGESTIVE = 0.6
+"""Share of the echoes that an outline which is not convex has to explain to be told of where nothing closes."""
+
 _LOCATED = 0.1
 """Share of that range which the deviation of a wall may have that counts as certain."""
 
@@ -48,6 +51,8 @@ class Findings:
         That the path is too straight to tell walls from their mirror images; empty where it is not.
     untracked : Chain, optional
         What the odometry says, where no poses explain the echoes.
+    bent : Found, optional
+        The best outline that is not convex, where it explains more than a convex one and leaves much, too.
     cut_off : bool
         Whether a wall may be missing that cuts off a corner.
     unheard : mapping of int to float
@@ -59,6 +64,7 @@ class Findings:
     search: Search
     straight: tuple[Caution, ...]
     untracked: Chain | None
+    bent: Found | None = None
     cut_off: bool = False
     unheard: Mapping[int, float] = dataclasses.field(default_factory=dict)
 
@@ -77,7 +83,7 @@ class Findings:
             caution = wording.nothing_closes(len(walls), enclosing, search.max_edges, heard, search.data.pulse,
                                              bool(self.straight), self.untracked is not None)
         return Estimate('open', 'evidence', self.snapshot.stamp_ns, walls=walls,
-                        cautions=(*self.straight, caution, *_dispersion(search)))
+                        cautions=(*self.straight, caution, *self._bent_caution(), *_dispersion(search)))
 
     def concluded(self, found: Found, other: Found | None, with_poses: NDArray[np.float64] | None) -> Estimate:
         """Return the polygon found, with its deviations; what is proven where it is not closed by what was heard.
@@ -116,14 +122,17 @@ class Findings:
             cautions.append(wording.weak_edges(weak))
         if self.unheard:
             cautions.append(wording.corners_unheard(self.unheard))
-        if leaves_much(self.search, found) and not found.walls.convex_outline:
-            cautions.append(wording.not_convex(found.explained, len(found.lines)))
-        elif leaves_much(self.search, found):
+        if leaves_much(self.search, found):
             cautions.append(wording.unexplained(found.explained, len(found.lines), self.search.max_edges))
         cautions += _dispersion(self.search)
         if found.wave is None and self.search.coherent:
             cautions.append(wording.incoherent())
         return cautions
+
+    def _bent_caution(self) -> list[Caution]:
+        if self.bent is None or self.bent.explained < _SUGGESTIVE:
+            return []
+        return [wording.not_convex(self.bent.explained, len(self.bent.lines))]
 
     def _gap(self, certainty: Certainty, found: Found) -> Caution | None:
         """Why the polygon is not closed by what was heard; None if it is."""

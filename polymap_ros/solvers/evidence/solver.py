@@ -56,10 +56,6 @@ _BY_CHANCE = 2.0
 _RINGS_FROM = 20
 """Pings from which outlines that are not convex are looked for: an L of six walls, each heard by three or more."""
 
-_NOT_CONVEX = 0.6
-"""Share of the echoes from which an outline that is not convex, and explains clearly more than a convex one, ends the
-search: neither other starts nor poses help then."""
-
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
 
@@ -82,6 +78,7 @@ class EvidenceSolver:
         self._unheard: dict[int, float] = {}  # corners that no echo has been near, and how much may be missing [m]
         self._drift = Follower()
         self._untracked = False  # poses were tried, and none found
+        self._bent: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
 
     def state(self) -> dict[str, NDArray[np.generic]]:
@@ -103,7 +100,7 @@ class EvidenceSolver:
         straight = _straight(snapshot)
         checkpoint()
         search, self._last, track = self._found(reported, chain, evidence)
-        findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None)
+        findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None, self._bent)
         doubt = 0.0 if misheard(evidence) else search.uncertainty
         if self._last is None or self._last.value <= 0.0 or self._last.explained < TOO_LITTLE - doubt:
             return findings.open()
@@ -142,14 +139,14 @@ class EvidenceSolver:
         self._searched = heard
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons()
-        ring = None
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ring = self._ring(reported, best, enough)
-                if ring is not None and (ring.explained > _NOT_CONVEX or _explains(reported, ring, enough)):
+                if ring is not None and not leaves_much(reported, ring):
                     return reported, ring, None
+                self._bent = ring
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
@@ -162,8 +159,6 @@ class EvidenceSolver:
                 if mended is None:
                     break
                 best = mended
-        if ring is not None and (best is None or ring.value > best.value):
-            return reported, ring, None
         return search, best, track and best and track.with_found(best)
 
     def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:

@@ -157,9 +157,9 @@ def corners_unheard(depths_m: Mapping[int, float]) -> Caution:
 
 
 def not_convex(explained: float, edges: int) -> Caution:
-    """Say that an outline that is not convex explains the echoes best, and not enough of them to be sure."""
+    """Say that an outline that is not convex explains more than a convex one, and not enough to be sure."""
     return Caution('not_convex', f'an outline of {edges} edges that is not convex explains {explained:.0%} of the '
-                                 'echoes, clearly more than any convex one, and no more')
+                                 'echoes, clearly more than a convex one')
 
 
 def unexplained(share: float, edges: int, most: int) -> Caution:
