@@ -43,9 +43,9 @@ EXPERIMENTS = {
         'about 10 s of one core for each scene; 60 scenes by default.',
         ('online --edges 4 --seeds 0:4 --output online', 'online --variant plate --jobs 2 --output online')),
     'doubt': Experiment(
-        'scenes that nothing convex explains, or that look like others',
-        'Scenes that no convex polygon explains, or that cannot be told from others: how many are flagged, and how '
-        'many are silently wrong. Writes results.csv and table.md.',
+        'scenes that no polygon explains, or that look like others',
+        'Scenes that no polygon explains, or that cannot be told from others, L and T: how many are flagged, and '
+        'how many are silently wrong. Writes results.csv and table.md.',
         'about 6 s of one core for each scene; 60 scenes of each kind by default.',
         ('doubt --seeds 1:3 --jobs 2 --output doubt', 'doubt --variant straight --output straight')),
     'calibration': Experiment(

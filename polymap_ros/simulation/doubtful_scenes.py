@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from polymap_ros.parameters import MediumParameters
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import air_filled, mistaken, random_scene
-from polymap_ros.simulation.reflectors import Reflectors, heard_images
+from polymap_ros.simulation.reflectors import Reflectors
 from polymap_ros.simulation.scenes import Scene, half_planes
-from polymap_ros.simulation.shaped_scenes import l_shape, t_shape
+from polymap_ros.simulation.shaped_scenes import echoes_among, l_shape, t_shape
 from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free
 
@@ -28,8 +28,7 @@ class Doubtful:
     Parameters
     ----------
     scene : Scene
-        Path, noise and what the mapper is told; its polygon is the truth, or the convex hull of an outline that is
-        not convex.
+        Path, noise and what the mapper is told; its polygon is the truth.
     clean : ndarray, shape (T, n_samples)
         What is heard, without noise.
     """
@@ -88,22 +87,9 @@ def _not_convex(outline: Callable[[np.random.Generator], NDArray[np.float64]]) -
         c, s = np.cos(turn), np.sin(turn)
         corners = (corners - corners.mean(axis=0)) @ np.array([[c, s], [-s, c]])
         poses = legs_inside(corners, _PINGS, _STEP_M, _CLEARANCE_M, generator)
-        scene = Scene(name='', vertices=_hull(corners), poses=poses, seed=seed)
-        return Doubtful(scene, _among(Reflectors.outline(corners), scene))
+        scene = Scene(name='', vertices=corners, poses=poses, seed=seed)
+        return Doubtful(scene, echoes_among(Reflectors.outline(corners), scene))
     return make
-
-
-def _hull(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.spatial import ConvexHull
-
-    return np.asarray(corners[ConvexHull(corners).vertices])
-
-
-def _among(reflectors: Reflectors, scene: Scene) -> NDArray[np.float64]:
-    def heard(position: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        images, amplitude = heard_images(reflectors, position, scene.order)
-        return np.linalg.norm(images - position, axis=1), amplitude
-    return noise_free(scene, heard)
 
 
 def _seam(share: float) -> Callable[[int, int], Doubtful]:
@@ -120,7 +106,7 @@ def _seam(share: float) -> Callable[[int, int], Doubtful]:
         low, high = reach[reach < 0.0].max(), reach[reach > 0.0].min()
         low, high = 0.5 * (low + high) + 0.5 * share * np.array((-1.0, 1.0)) * (high - low)
         reflectors = Reflectors.outline(scene.vertices).with_seam(middle + low * along, middle + high * along, _SEAM)
-        return Doubtful(scene, _among(reflectors, scene))
+        return Doubtful(scene, echoes_among(reflectors, scene))
     return make
 
 
@@ -153,8 +139,8 @@ KINDS = {
     'nearly_straight': DoubtfulKind('path 1.5 % as wide as long', _along_a_line(0.015)),
     'bent': DoubtfulKind('path 5 % as wide as long', _along_a_line(0.05), must_be_flagged=False),
     'unheard': DoubtfulKind('one wall reflects nothing', _unheard),
-    'l_shape': DoubtfulKind('L-shaped outline', _not_convex(l_shape)),
-    't_shape': DoubtfulKind('T-shaped outline', _not_convex(t_shape)),
+    'l_shape': DoubtfulKind('L-shaped outline', _not_convex(l_shape), must_be_flagged=False),
+    't_shape': DoubtfulKind('T-shaped outline', _not_convex(t_shape), must_be_flagged=False),
     'seam': DoubtfulKind('seam across the room that reflects half the amplitude', _seam(1.0)),
     'stiffener': DoubtfulKind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
     'mode_0db': DoubtfulKind('S0 as strong as A0', _second_mode(1.0)),

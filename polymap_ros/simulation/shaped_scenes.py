@@ -55,12 +55,15 @@ def shaped_scene(kind: str, seed: int) -> Scene:
 
 
 def clean_echoes(scene: Scene) -> Points:
-    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of walls (`reflectors`).
+    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of its walls."""
+    return echoes_among(Reflectors.outline(scene.vertices, scene.reflection), scene)
 
-    That is another tracer than the mapper's, by which `noise_free` goes.
+
+def echoes_among(reflectors: Reflectors, scene: Scene) -> Points:
+    """Return what a scene's pings hear among these walls, without noise (T, n_samples).
+
+    Every sequence of walls is tried: that is another tracer than the mapper's, by which `noise_free` goes.
     """
-    reflectors = Reflectors.outline(scene.vertices, scene.reflection)
-
     def heard(position: Points) -> tuple[Points, Points]:
         images, amplitude = heard_images(reflectors, position, scene.order)
         return np.linalg.norm(images - position, axis=1), amplitude

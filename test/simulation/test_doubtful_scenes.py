@@ -57,10 +57,10 @@ def test_outlines_are_simple_and_not_convex(outline):
 
 
 @pytest.mark.parametrize('name', ['l_shape', 't_shape'])
-def test_the_path_stays_inside_the_hull_and_spreads(name):
+def test_the_path_stays_inside_and_spreads(name):
     positions = made(name).scene.poses[:, :2]
-    hull = shapely.Polygon(made(name).scene.vertices)
-    assert shapely.contains_xy(hull.buffer(-0.05), *positions.T).all()
+    outline = shapely.Polygon(made(name).scene.vertices)
+    assert shapely.contains_xy(outline.buffer(-0.05), *positions.T).all()
     assert np.ptp(positions, axis=0).min() > 0.3
 
 
