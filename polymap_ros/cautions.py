@@ -150,7 +150,7 @@ CAUTIONS = {
 """By code, the earliest stage first. A code that is not here cannot be made."""
 
 
-_OF_DOUBT = ('unexplained', 'not_convex', 'incoherent', 'weak_edge')
+_OF_DOUBT = ('unexplained', 'incoherent', 'weak_edge')
 _OF_FAULTY_SAMPLES = ('baseline_drift', 'echo_band')
 
 

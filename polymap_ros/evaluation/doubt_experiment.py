@@ -6,21 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from polymap_ros.evaluation.tables import markdown, percent, unique
-from polymap_ros.evaluation.trials import Trial, run_trials
+from polymap_ros.evaluation.trials import KindTrial, run_trials
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.doubtful_scenes import KINDS, ORDINARY
-
-
-@dataclass(frozen=True)
-class DoubtTrial:
-    """A trial and the kind of its scene."""
-
-    kind: str
-    trial: Trial
-
-    def row(self) -> dict[str, object]:
-        """The row of results.csv."""
-        return {'kind': self.kind, **self.trial.row()}
 
 
 @dataclass(frozen=True)
@@ -53,14 +41,14 @@ class DoubtExperiment:
         return [(kind, seed, self.edges[index % len(self.edges)])
                 for kind in self.kinds for index, seed in enumerate(self.seeds)]
 
-    def run_one(self, kind: str, seed: int, edges: int) -> list[DoubtTrial]:
+    def run_one(self, kind: str, seed: int, edges: int) -> list[KindTrial]:
         """The trials of one scene."""
         made = KINDS[kind].make(seed, edges)
         scene = dataclasses.replace(made.scene, name=f'{kind}-{edges}-{seed}', snr_db=self.snr_db)
-        return [DoubtTrial(kind, trial) for trial in run_trials(scene, self.methods, self.parameters, clean=made.clean)]
+        return [KindTrial(kind, trial) for trial in run_trials(scene, self.methods, self.parameters, clean=made.clean)]
 
 
-def doubt_table(trials: Sequence[DoubtTrial]) -> str:
+def doubt_table(trials: Sequence[KindTrial]) -> str:
     """By method and kind: shares of the scenes flagged, and not flagged though right or wrong; cautions given."""
     header = ['method', 'kind', 'scenes', 'to be flagged', 'flagged', 'not flagged, right', 'not flagged, wrong',
               'status', 'cautions']
@@ -76,7 +64,7 @@ def doubt_table(trials: Sequence[DoubtTrial]) -> str:
     return markdown(header, rows)
 
 
-def faults(trials: Sequence[DoubtTrial]) -> str:
+def faults(trials: Sequence[KindTrial]) -> str:
     """The scenes that should be flagged and are not, or the other way round, as edges-seed."""
     names: dict[tuple[str, str], list[str]] = {}
     for entry in trials:
@@ -86,7 +74,7 @@ def faults(trials: Sequence[DoubtTrial]) -> str:
     return '\n'.join(f'- {method}, {kind}: {", ".join(labels)}' for (method, kind), labels in names.items()) or '- none'
 
 
-def _faulty(entry: DoubtTrial) -> bool:
+def _faulty(entry: KindTrial) -> bool:
     if entry.trial.flagged:
         return entry.kind == ORDINARY
     return KINDS[entry.kind].must_be_flagged or not entry.trial.right

@@ -8,21 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from polymap_ros.evaluation.tables import interval, markdown, percent, unique
-from polymap_ros.evaluation.trials import Trial, filled_mapper, judged, ready
+from polymap_ros.evaluation.trials import KindTrial, filled_mapper, judged, ready
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shaped_scene
-
-
-@dataclass(frozen=True)
-class ShapeTrial:
-    """A trial, whose `seconds` are of CPU, and the kind of its scene."""
-
-    kind: str
-    trial: Trial
-
-    def row(self) -> dict[str, object]:
-        """The row of results.csv."""
-        return {'kind': self.kind, **self.trial.row()}
 
 
 @dataclass(frozen=True)
@@ -50,18 +38,18 @@ class ShapesExperiment:
         """Kind and seed of every scene."""
         return [(kind, seed) for kind in self.kinds for seed in self.seeds]
 
-    def run_one(self, kind: str, seed: int) -> list[ShapeTrial]:
-        """The trial of one scene."""
+    def run_one(self, kind: str, seed: int) -> list[KindTrial]:
+        """The trial of one scene, whose `seconds` are of CPU."""
         scene = dataclasses.replace(shaped_scene(kind, seed), snr_db=self.snr_db)
         ready(self.parameters)
         mapper = filled_mapper(scene, self.parameters, clean_echoes(scene))
         started = time.process_time()
         estimate = mapper.solve()
         method = self.parameters.solver.method
-        return [ShapeTrial(kind, judged(estimate, scene, method, time.process_time() - started))]
+        return [KindTrial(kind, judged(estimate, scene, method, time.process_time() - started))]
 
 
-def shapes_table(trials: Sequence[ShapeTrial]) -> str:
+def shapes_table(trials: Sequence[KindTrial]) -> str:
     """By kind and for all: right with its 95 % interval (Wilson 1927), what is told, errors of right ones, CPU time."""
     header = ['outline', 'right', '95 % interval', 'silently wrong', 'open', 'right, yet flagged',
               'offset error, median [mm]', 'r, theta within 2 sigma', 'CPU [s] median / worst', 'median of those open']
@@ -84,7 +72,7 @@ def shapes_table(trials: Sequence[ShapeTrial]) -> str:
     return markdown(header, rows)
 
 
-def shape_failures(trials: Sequence[ShapeTrial]) -> str:
+def shape_failures(trials: Sequence[KindTrial]) -> str:
     """The scenes that are not right, or flagged, with their status and cautions."""
     lines = [f'- {entry.trial.scene}: {", ".join((entry.trial.status, *entry.trial.cautions))}'
              f'{"" if entry.trial.right else " (not right)"}'

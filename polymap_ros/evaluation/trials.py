@@ -107,6 +107,18 @@ class Trial:
         return row
 
 
+@dataclass(frozen=True)
+class KindTrial:
+    """A trial and the kind of its scene."""
+
+    kind: str
+    trial: Trial
+
+    def row(self) -> dict[str, object]:
+        """The row of results.csv."""
+        return {'kind': self.kind, **self.trial.row()}
+
+
 def filled_mapper(
     scene: Scene, parameters: Parameters, clean: NDArray[np.float64] | None = None
 ) -> PolygonMapper:

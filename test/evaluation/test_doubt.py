@@ -1,6 +1,7 @@
 """What is flagged, and how it is told."""
 
-from polymap_ros.evaluation.doubt_experiment import DoubtExperiment, DoubtTrial, doubt_table, faults
+from polymap_ros.evaluation.doubt_experiment import DoubtExperiment, doubt_table, faults
+from polymap_ros.evaluation.trials import KindTrial
 from polymap_ros.parameters import Parameters
 
 
@@ -9,7 +10,7 @@ def cells(table):
 
 
 def entry(make_trial, kind, seed, **changes):
-    return DoubtTrial(kind, make_trial(seed, scene=f'{kind}-4-{seed}', **changes))
+    return KindTrial(kind, make_trial(seed, scene=f'{kind}-4-{seed}', **changes))
 
 
 def test_every_kind_has_every_seed_and_the_edges_go_round():

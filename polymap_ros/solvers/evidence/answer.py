@@ -51,7 +51,7 @@ class Findings:
         That the path is too straight to tell walls from their mirror images; empty where it is not.
     untracked : Chain, optional
         What the odometry says, where no poses explain the echoes.
-    bent : Found, optional
+    unsure_ring : Found, optional
         The best outline that is not convex, where it explains more than a convex one and leaves much, too.
     cut_off : bool
         Whether a wall may be missing that cuts off a corner.
@@ -64,7 +64,7 @@ class Findings:
     search: Search
     straight: tuple[Caution, ...]
     untracked: Chain | None
-    bent: Found | None = None
+    unsure_ring: Found | None = None
     cut_off: bool = False
     unheard: Mapping[int, float] = dataclasses.field(default_factory=dict)
 
@@ -83,7 +83,7 @@ class Findings:
             caution = wording.nothing_closes(len(walls), enclosing, search.max_edges, heard, search.data.pulse,
                                              bool(self.straight), self.untracked is not None)
         return Estimate('open', 'evidence', self.snapshot.stamp_ns, walls=walls,
-                        cautions=(*self.straight, caution, *self._bent_caution(), *_dispersion(search)))
+                        cautions=(*self.straight, caution, *self._of_ring(), *_dispersion(search)))
 
     def concluded(self, found: Found, other: Found | None, with_poses: NDArray[np.float64] | None) -> Estimate:
         """Return the polygon found, with its deviations; what is proven where it is not closed by what was heard.
@@ -129,10 +129,11 @@ class Findings:
             cautions.append(wording.incoherent())
         return cautions
 
-    def _bent_caution(self) -> list[Caution]:
-        if self.bent is None or self.bent.explained < _SUGGESTIVE:
+    def _of_ring(self) -> list[Caution]:
+        ring = self.unsure_ring
+        if ring is None or ring.explained < _SUGGESTIVE:
             return []
-        return [wording.not_convex(self.bent.explained, len(self.bent.lines))]
+        return [wording.not_convex(ring.explained, len(ring.lines))]
 
     def _gap(self, certainty: Certainty, found: Found) -> Caution | None:
         """Why the polygon is not closed by what was heard; None if it is."""

@@ -6,7 +6,6 @@ And corners that are not heard: where a corner has no echoes to miss, any wall m
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import away_from
 from polymap_ros.geometry.outline import corners_of
@@ -46,7 +45,7 @@ def unheard_corners(search: Search, found: Found) -> dict[int, float]:
     """
     least = _value(search, found, found.walls, FULL_ORDER) - PRICE
     _, corners = corners_of(found.lines)
-    turn = _turns(found)
+    turn = found.walls.turns
     unheard: dict[int, float] = {}
     length = max(_LEAST_CUT * search.data.pulse.width_m, _LEAST_SHARE * float(np.ptp(corners, axis=0).max()))
     asked = set(np.flatnonzero(turn < np.pi).tolist())  # a corner that points inwards cannot be cut off
@@ -77,19 +76,13 @@ def silent_cuts(search: Search, found: Found) -> Iterator[Walls]:
     lines = found.lines
     _, corners = corners_of(lines)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    turn = _turns(found)
+    turn = found.walls.turns
     depth = np.minimum(lengths, np.roll(lengths, 1)) * np.sin(0.5 * turn)  # that takes all of the shorter edge away
     for share in CUT_SHARES:
         for corner, line in enumerate(across_corners(lines[:, 1], corners, 0.5, share * depth)):
             cut = found.walls.inserted(corner, line, 0.0)
             if turn[corner] < np.pi and _holds_pings(search, cut, corner):
                 yield cut
-
-
-def _turns(found: Found) -> NDArray[np.float64]:
-    """Return by how much the outline turns left at each corner [rad]; more than half a turn where it points inwards."""
-    theta = found.lines[:, 1]
-    return np.asarray(np.mod(theta - np.roll(theta, 1), 2.0 * np.pi))
 
 
 def _holds_pings(search: Search, cut: Walls, at: int) -> bool:

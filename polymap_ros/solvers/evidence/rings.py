@@ -24,12 +24,13 @@ too. With 17, of 27 outlines that are not convex (nine kinds, even seeds) 20 had
 this, 23."""
 
 UNEXPLAINED = 10.0
-"""Nats that a ping costs whose first echo no edge explains. Without, rings far outside, whose edges are images of the
-walls, were better in 22 of the 27."""
+"""Nats that a ping costs whose first echo no edge explains. Without, in 19 of the 27 a better ring than the true one
+was met, of images of the walls."""
 
 _UNHEARD_METRE = 40.0
 """Nats that a metre of edge costs before the first and after the last foot that was heard on it. Without, rings close
-far away, where nothing is asked of them (7 of the 27)."""
+far away, where nothing is asked of them: with the true lines among the candidates, 18 of the 27 had no better ring than
+the true one, and 23 with this."""
 
 HEARD = 1.0
 """Evidence of a foot [nats] from which it was heard."""

@@ -78,7 +78,7 @@ class EvidenceSolver:
         self._unheard: dict[int, float] = {}  # corners that no echo has been near, and how much may be missing [m]
         self._drift = Follower()
         self._untracked = False  # poses were tried, and none found
-        self._bent: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
+        self._unsure_ring: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
 
     def state(self) -> dict[str, NDArray[np.generic]]:
@@ -100,7 +100,8 @@ class EvidenceSolver:
         straight = _straight(snapshot)
         checkpoint()
         search, self._last, track = self._found(reported, chain, evidence)
-        findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None, self._bent)
+        findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None,
+                            self._unsure_ring)
         doubt = 0.0 if misheard(evidence) else search.uncertainty
         if self._last is None or self._last.value <= 0.0 or self._last.explained < TOO_LITTLE - doubt:
             return findings.open()
@@ -144,9 +145,9 @@ class EvidenceSolver:
                 search, best = reported, found
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ring = self._ring(reported, best, enough)
-                if ring is not None and not leaves_much(reported, ring):
+                if _explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return reported, ring, None
-                self._bent = ring
+                self._unsure_ring = ring
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
@@ -164,11 +165,10 @@ class EvidenceSolver:
     def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:
         """The best outline that need not be convex, from the reported poses; None where there is none.
 
-        Few pings do not tell one, and without compiled kernels the search would take hours.
+        Few pings do not tell one, nor does power alone; without compiled kernels the search would take hours.
         """
-        best = None
-        too_few = len(reported.data.positions) < _RINGS_FROM
-        if self._parameters.solver.outline != 'auto' or too_few or not IS_COMPILED:
+        best, asked_for = None, self._parameters.solver.outline == 'auto'
+        if not (asked_for and reported.coherent and IS_COMPILED and len(reported.data.positions) >= _RINGS_FROM):
             return None
         for ring in reported.rings(convex):
             if best is None or ring.value > best.value:

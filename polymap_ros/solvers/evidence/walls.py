@@ -65,10 +65,14 @@ class Walls:
         return len(self.lines)
 
     @property
+    def turns(self) -> NDArray[np.float64]:
+        """By how much the outline turns left at the corner before each wall (n,) [rad]; beyond pi it points inwards."""
+        return np.asarray(np.mod(self.lines[:, 1] - np.roll(self.lines[:, 1], 1), 2.0 * np.pi))
+
+    @property
     def convex_outline(self) -> bool:
         """Whether the lines, in their order, bound a convex outline."""
-        turns = np.mod(np.roll(self.lines[:, 1], -1) - self.lines[:, 1], 2.0 * np.pi)
-        return bool(np.all(turns < np.pi))
+        return bool(np.all(self.turns < np.pi))
 
     @property
     def loss(self) -> NDArray[np.float64]:

@@ -4,12 +4,12 @@ import numpy as np
 
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.solvers.evidence.ground import Ground
-from polymap_ros.solvers.evidence.moves.standing import Standing
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, DIFFERENT, FULL_ORDER, REFINED, SEARCH_ORDER
+from polymap_ros.solvers.evidence.moves.standing import Standing, better_of
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, SEARCH_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave
 
 _ENDS = np.arange(-1.0, 1.01, 0.25)
-"""Cycles of range by which each end is tried elsewhere: from a quarter of a cycle on, a climb leads to the top."""
+"""Cycles of range by which each end is tried elsewhere: maxima are half a cycle apart, and half of that is enough."""
 
 
 def retune(ground: Ground, standing: Standing) -> Wave | None:
@@ -37,9 +37,4 @@ def retune(ground: Ground, standing: Standing) -> Wave | None:
                     if trial is not None:
                         here.append(trial)
         trials += sorted(here, key=lambda each: -each.value)[:1]
-    for trial in sorted(trials, key=lambda each: -each.value)[:REFINED]:
-        ground.checkpoint()
-        refined = ground.wave.refine(trial, FULL_ORDER)
-        if refined is not None and refined.value > wave.value + DIFFERENT:
-            return refined
-    return None
+    return better_of(ground, wave, trials)

@@ -5,13 +5,10 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.solvers.evidence.ground import Ground
-from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.moves.standing import Standing, better_of
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
-    DIFFERENT,
-    FULL_ORDER,
     OBVIOUS,
-    REFINED,
     SEARCH_ORDER,
     SHORT_EDGES,
 )
@@ -45,12 +42,7 @@ def slipped(ground: Ground, wave: Wave, walls: NDArray[np.intp]) -> Wave | None:
             trial = ground.few_wave.evaluate(moved, wave, SEARCH_ORDER)
             if trial is not None and trial.value > least:
                 trials.append(trial)
-    for trial in sorted(trials, key=lambda each: -each.value)[:REFINED]:
-        ground.checkpoint()
-        refined = ground.wave.refine(trial, FULL_ORDER)
-        if refined is not None and refined.value > wave.value + DIFFERENT:
-            return refined
-    return None
+    return better_of(ground, wave, trials)
 
 
 def _short_edges(ground: Ground, wave: Wave) -> NDArray[np.intp]:
