@@ -156,8 +156,9 @@ class _Network:
                                for line in range(len(along))])
         nodes = np.arange(len(rows))
         onwards = nodes[:-1][rows[:-1] == rows[1:]]
-        self._tails = np.concatenate((onwards, nodes))
-        self._heads = np.concatenate((onwards + 1, node[columns, rows]))
+        # int32: older scipy's dijkstra refuses graphs with other indices.
+        self._tails = np.concatenate((onwards, nodes)).astype(np.int32)
+        self._heads = np.concatenate((onwards + 1, node[columns, rows])).astype(np.int32)
         # The least cost keeps an arc that costs nothing in the graph.
         self._costs = np.concatenate((upto[onwards + 1] - upto[onwards], np.full(len(nodes), price))) + 1e-9
         self._upto, self._onwards = upto, len(onwards)
