@@ -23,6 +23,9 @@ from polymap_ros.solvers.estimate import Candidate, Estimate
 TOLERANCE_M = 0.003
 """A wall is right within this at the middle of the true edge (and within 0.5 degrees)."""
 
+HEIGHT_TOLERANCE_M = 0.01
+"""Floor and ceiling are right within this."""
+
 CERTAIN = 0.9
 """Of the edges with at least this likelihood at least as large a share is to be real."""
 
@@ -46,7 +49,7 @@ class Trial:
     run : int
         Repetition, where one scene is solved several times.
     right : bool
-        As in `Comparison`.
+        As in `Comparison`, floor and ceiling within `HEIGHT_TOLERANCE_M` of the true ones, and no others.
     iou : float
         Overlap with the true polygon; 0 where no polygon closed.
     offsets_m, angles_deg : tuple of float
@@ -173,12 +176,19 @@ def judged(
     return Trial(
         scene=scene.name, seed=scene.seed, edges=len(scene.vertices), method=method, snr_db=scene.snr_db, run=run,
         status=estimate.status, estimated_edges=comparison.n_estimated if comparison else 0,
-        right=bool(comparison and comparison.right), iou=comparison.iou if comparison else 0.0,
+        right=bool(comparison and comparison.right and _heights_right(estimate, scene)),
+        iou=comparison.iou if comparison else 0.0,
         offsets_m=tuple(offsets), angles_deg=tuple(angles), z_r=z_r, z_theta=z_theta,
         z_length=sizes[0], z_angle=sizes[1], z_area=sizes[2],
         least_likelihood=min((edge.likelihood for edge in edges), default=None),
         certain_edges=len(certain), certain_real=len(certain & real),
         cautions=tuple(caution.code for caution in estimate.cautions), seconds=seconds)
+
+
+def _heights_right(estimate: Estimate, scene: Scene) -> bool:
+    """Whether floor and ceiling are as many as there are, and right."""
+    found, true = estimate.storey.height_m, np.sort(scene.height.storey.height_m)
+    return len(found) == len(true) and bool(np.all(np.abs(found - true) <= HEIGHT_TOLERANCE_M))
 
 
 def _real(comparison: Comparison, tolerance_m: float) -> set[int]:

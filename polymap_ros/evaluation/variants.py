@@ -10,7 +10,7 @@ import numpy as np
 from polymap_ros.parameters import MediumParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
-from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, mistaken, random_scene
+from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, mistaken, random_scene, storeyed
 from polymap_ros.simulation.scenes import Scene
 
 
@@ -84,6 +84,8 @@ VARIANTS = {
                    lambda seed, edges: air_filled(random_scene(seed, edges)), tolerance_m=0.01),
     'air_chirp': Variant('rooms of 4 to 8 m, air, chirp of 10 to 30 kHz',
                          lambda seed, edges: air_filled(random_scene(seed, edges), 'chirp'), tolerance_m=0.01),
+    'room': Variant('the same, burst, with floor and ceiling; all reflect 0.7 to 0.9',
+                    lambda seed, edges: storeyed(air_filled(random_scene(seed, edges))), tolerance_m=0.01),
     'right_angled': Variant('right-angled shapes', _shaped(Recipe('right_angled'))),
     'regular': Variant('regular polygons', _shaped(Recipe('regular'))),
     'needle': Variant('needle-thin triangles (3 edges only)', _shaped(Recipe('needle'))),

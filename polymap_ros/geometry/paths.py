@@ -5,6 +5,8 @@ A wall's end is soft: a path that hits it a distance s inside its end counts by 
 With hard ends an echo would appear or vanish whole as a wall moves by a micrometre, and the likelihood jump with it. At
 a right-angled corner two images stand in one place, each of which ends there, and together they count once, as they
 have to: twice where the angle is smaller, not at all where it is larger.
+
+Where there are floor and ceiling (`geometry.storey`), each path is there once for each of their images, too.
 """
 
 from typing import NamedTuple
@@ -26,9 +28,11 @@ class Paths(NamedTuple):
     half : ndarray, shape (capacity,)
         Half the path's length [m].
     weight : ndarray, shape (capacity,)
-        What the ends of its walls leave of it, in (0, 1].
+        What the ends of its walls leave of it, in (0, 1], times the coefficients of floor and ceiling.
     hits : ndarray, shape (capacity,), int64
-        Number of reflections.
+        Number of reflections from walls.
+    bounces : ndarray, shape (capacity,), int64
+        Number of reflections from floor and ceiling.
     walls : ndarray, shape (capacity, order), int64
         Walls in the order they are hit; -1 beyond `hits`.
     slopes : ndarray, shape (capacity, order, 2)
@@ -42,6 +46,7 @@ class Paths(NamedTuple):
     half: NDArray[np.float64]
     weight: NDArray[np.float64]
     hits: NDArray[np.int64]
+    bounces: NDArray[np.int64]
     walls: NDArray[np.int64]
     slopes: NDArray[np.float64]
     moves: NDArray[np.float64]
@@ -51,7 +56,7 @@ class Paths(NamedTuple):
 @kernel
 def room_for_paths(order: int) -> Paths:
     """Room for paths of up to so many reflections."""
-    return Paths(np.empty(CAPACITY), np.empty(CAPACITY), np.empty(CAPACITY, np.int64),
+    return Paths(np.empty(CAPACITY), np.empty(CAPACITY), np.empty(CAPACITY, np.int64), np.empty(CAPACITY, np.int64),
                  np.empty((CAPACITY, order), np.int64), np.empty((CAPACITY, order, 2)), np.empty((CAPACITY, 4)),
                  np.empty((CAPACITY, 3)))
 
@@ -100,18 +105,19 @@ def falloff(half: float, exponent: float) -> float:
 @kernel
 def trace_paths(
     walls: NDArray[np.float64], convex: bool, ends: NDArray[np.float64], order: int, range_max: float, soft: float,
-    derive: bool, paths: Paths,
+    derive: bool, storey: NDArray[np.float64], paths: Paths,
 ) -> int:
     """Fill `paths` with those audible from emitter to receiver with `half` up to `range_max`.
 
     `walls` are those of `walls_of` with their ends moved by `soft`, of an outline that is `convex` or not; `ends` (5,)
     are x and y of emitter and receiver, and the height between them; `slopes` and `moves` are left out unless to
-    `derive`. Returns the number of paths.
+    `derive`; `storey` are the images of `Storey`, its first row the emitter. Returns the number of paths.
     """
-    up = 0.25 * ends[4] * ends[4]
+    up, count = 0.25 * ends[4] * ends[4], 0
     farthest = 2.0 * np.sqrt(max(range_max * range_max - up, 0.0))
-    count = min(trace_images(walls, convex, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False,
-                             paths.images, paths.walls), len(paths.images))
+    if len(walls) > 0:
+        count = min(trace_images(walls, convex, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False,
+                                 paths.images, paths.walls), len(paths.images))
     chain = np.empty((order + 1, 2))
     kept = 0
     for m in range(count):
@@ -130,8 +136,43 @@ def trace_paths(
                 paths.slopes[kept, :hits] *= flat / d
                 paths.moves[kept] *= flat / d
             paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
+            paths.bounces[kept] = 0
             kept += 1
-    return kept
+    return kept if len(storey) == 1 else _with_storey(storey, ends, order, range_max, derive, kept, paths)
+
+
+@kernel
+def _with_storey(
+    storey: NDArray[np.float64], ends: NDArray[np.float64], order: int, range_max: float, derive: bool, flat: int,
+    paths: Paths,
+) -> int:
+    """Add to the first paths, `flat` in number, those that floor and ceiling make of them, and of the way straight on.
+
+    The square of half a path's length is that of the flat one and of half the height between its ends.
+    """
+    count, up = flat, 0.25 * ends[4] * ends[4]
+    x, y = ends[2] - ends[0], ends[3] - ends[1]
+    for image in range(1, len(storey)):
+        bounces, weight = int(storey[image, 2]), storey[image, 1]
+        higher = 0.25 * (ends[4] - storey[image, 0]) ** 2
+        half = np.sqrt(0.25 * (x * x + y * y) + higher)
+        if bounces <= order and half <= range_max and count < len(paths.half):
+            paths.half[count], paths.hits[count], paths.bounces[count], paths.weight[count] = half, 0, bounces, weight
+            paths.walls[count] = -1
+            paths.moves[count, 0], paths.moves[count, 1] = -0.25 * x / half, -0.25 * y / half
+            paths.moves[count, 2], paths.moves[count, 3] = 0.25 * x / half, 0.25 * y / half
+            count += 1
+        for m in range(flat):
+            half = np.sqrt(paths.half[m] * paths.half[m] - up + higher)
+            if paths.hits[m] + bounces <= order and half <= range_max and count < len(paths.half):
+                paths.half[count], paths.hits[count], paths.bounces[count] = half, paths.hits[m], bounces
+                paths.weight[count] = weight * paths.weight[m]
+                paths.walls[count] = paths.walls[m]
+                if derive:
+                    paths.slopes[count] = paths.half[m] / half * paths.slopes[m]
+                    paths.moves[count] = paths.half[m] / half * paths.moves[m]
+                count += 1
+    return count
 
 
 @kernel

@@ -11,6 +11,7 @@ from polymap_ros.cautions import Caution
 from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.plane import XY, Plane
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters, specifications
 from polymap_ros.results.dimensions import dimensions
@@ -55,7 +56,7 @@ def polygon_document(
         **({} if plane.is_xy else {'plane': plane_axes(plane)}), 'stamp_ns': int(estimate.stamp_ns),
         'method': estimate.method,
         **(_candidate(closed) if closed else {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
-        'walls': [_edge(edge) for edge in estimate.walls],
+        **_height(estimate.storey), 'walls': [_edge(edge) for edge in estimate.walls],
         'alternatives': [_candidate(candidate) for candidate in estimate.alternatives],
         'cost': _number(estimate.cost), 'iou_free_area': _number(estimate.iou_free_area),
         'pings': {
@@ -67,6 +68,14 @@ def polygon_document(
         'parameters': {name: _shown(name, value) for name, value in parameters.flat().items()},
         'software': {'polymap_ros': __version__},
     }
+
+
+def _height(storey: Storey) -> dict[str, Any]:
+    """Floor and ceiling, where there are any."""
+    planes = zip(('floor', 'ceiling'), storey.height_m, storey.reflection, strict=False)
+    told = {f'{name}_{what}': _number(value) for name, height, reflection in planes
+            for what, value in (('m', float(height)), ('reflection', float(reflection)))}
+    return {'height': told} if told else {}
 
 
 def _trajectory(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from polymap_ros.errors import SceneError
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, PulseParameters
+from polymap_ros.simulation.height import Height
 from polymap_ros.simulation.scenes import Scene, audible_feet
 from polymap_ros.simulation.trajectories import fitted, random_legs, recorded
 
@@ -76,6 +77,17 @@ def air_filled(scene: Scene, pulse: str = 'tone_burst') -> Scene:
         scene, vertices=vertices, poses=poses, pulse=shape[pulse],
         medium=MediumParameters(model='constant', speed_m_s=SPEED_OF_SOUND_M_S),
         grid=GridParameters(range_max_m=12.0), sample_rate_hz=200_000.0, n_samples=14336)
+
+
+def storeyed(scene: Scene) -> Scene:
+    """A room of air with a floor 0.15 to 0.5 m below the device and a ceiling 1.8 to 3.2 m above it.
+
+    Walls, floor and ceiling reflect 0.7 to 0.9 each.
+    """
+    generator = np.random.default_rng([scene.seed, len(scene.vertices), 3])
+    low, high = generator.uniform((0.15, 1.8), (0.5, 3.2)).tolist()
+    below, above, *walls = generator.uniform(0.7, 0.9, 2 + len(scene.vertices)).tolist()
+    return dataclasses.replace(scene, reflection=np.array(walls), height=Height(low, high, below, above))
 
 
 def lossy(scene: Scene, least: float = 0.5, most: float = 1.0) -> Scene:

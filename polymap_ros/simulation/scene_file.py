@@ -8,7 +8,8 @@ The keys are the fields of `Scene`; the path is either `poses`, a list of [x, y,
     trajectory: {recording: PATH, topic: odom, pings: 60, clearance_m: 0.06, turn_deg: 0.0}
 
 The last takes the way that a recorded odometry went, scaled to fill the room. What device and odometry do wrong is in
-`faults`, with the fields of `Faults`; what edges do to the phase in `edges`, with those of `Edges`.
+`faults`, with the fields of `Faults`; what edges do to the phase in `edges`, with those of `Edges`; a room's floor and
+ceiling in `height`, with those of `Height`.
 """
 
 import dataclasses
@@ -31,6 +32,7 @@ from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.height import Height
 from polymap_ros.simulation.scenes import Scene, check_bounds, counter_clockwise
 from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
 
@@ -38,7 +40,7 @@ ReadPath = Callable[[Path, str], NDArray[np.float64]]
 """Reads the poses (N, 3) of an odometry topic from a recording."""
 
 _GROUPS = {'medium': MediumParameters, 'pulse': PulseParameters, 'sensor': SensorParameters, 'grid': GridParameters,
-           'told_medium': MediumParameters, 'faults': Faults, 'edges': Edges}
+           'told_medium': MediumParameters, 'faults': Faults, 'edges': Edges, 'height': Height}
 _INTEGERS = ('n_samples', 'order', 'seed', 'pings')
 _SUFFIX = '.scene.yaml'
 _PATH_STREAM = 4

@@ -14,6 +14,7 @@ from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.height import Height
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
 
 MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
@@ -58,6 +59,8 @@ class Scene:
         What device and odometry do wrong.
     edges : Edges
         What a reflection does to the phase.
+    height : Height
+        Floor and ceiling, of a room.
     sample_rate_hz : float
         Sample rate [Hz].
     n_samples : int
@@ -106,6 +109,7 @@ class Scene:
     told_medium: MediumParameters | None = None
     faults: Faults = field(default_factory=Faults)
     edges: Edges = field(default_factory=Edges)
+    height: Height = field(default_factory=Height)
 
     def __post_init__(self) -> None:
         if self.recorded_pulse is not None:
@@ -131,6 +135,8 @@ class Scene:
         for name in _BOUNDS:
             if name != 'snr_db' or self.snr_db is not None:
                 check_bounds(name, getattr(self, name))
+        if self.height != Height() and self.medium.model != 'constant':
+            raise SceneError('height is that of a room; a plate has none: set medium.model to constant')
         self._check_size()
 
     def _check_size(self) -> None:

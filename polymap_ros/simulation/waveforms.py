@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from polymap_ros.acoustics.medium import ConstantSpeed, Medium, group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
-from polymap_ros.geometry.image_sources import visible_images
+from polymap_ros.geometry.image_sources import Images, visible_images
 from polymap_ros.jit import kernel
 from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
 from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
@@ -90,8 +90,24 @@ def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]
         if scene.edges != Edges():
             generator = scene.generator(EDGES_STREAM)
             amplitude = amplitude * np.exp(-1j * delays(scene.edges, generator, scene.vertices, images, receiver))
-        paths.append((np.hypot(images.distance_m, scene.sensor.baseline_z_m), amplitude))
+        paths.append(_over_floor_and_ceiling(scene, float(np.hypot(*(receiver - emitter))), images, amplitude))
     return paths
+
+
+def _over_floor_and_ceiling(
+    scene: Scene, apart_m: float, images: Images, amplitude: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lengths and amplitudes of the paths that floor and ceiling make of those over walls, and of none, too."""
+    order = np.append(images.order, 0)
+    flat, strength = np.append(images.distance_m, apart_m), np.append(amplitude, 1.0)
+    lengths, amplitudes = [], []
+    for z, coefficient, bounces in scene.height.storey.images(scene.order, level=False):
+        heard = (order + bounces <= scene.order) & (order + bounces > 0)
+        lengths.append(np.hypot(flat[heard], scene.sensor.baseline_z_m - z))
+        amplitudes.append(coefficient * strength[heard])
+    length = np.concatenate(lengths)
+    nearest = np.argsort(length, kind='stable')
+    return length[nearest], np.concatenate(amplitudes)[nearest]
 
 
 def _synthesised(

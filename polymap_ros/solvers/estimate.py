@@ -1,7 +1,7 @@
 """What a solver answers: the polygon, or what is certain where none closes."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,7 @@ from polymap_ros.cautions import Caution
 from polymap_ros.geometry.lines import mirrored_lines, wrapped
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import in_frame
+from polymap_ros.geometry.storey import Storey
 
 
 @dataclass(frozen=True)
@@ -204,6 +205,9 @@ class Estimate:
         What the user must know about the answer.
     trajectory : Trajectory or None
         The poses where they were estimated; None where the reported ones explain the echoes.
+    storey : Storey
+        A room's floor and ceiling, where they were heard: the nearer one, which echoes do not tell from the other, is
+        taken for the floor.
     """
 
     status: str
@@ -216,6 +220,7 @@ class Estimate:
     iou_free_area: float | None = None
     cautions: tuple[Caution, ...] = ()
     trajectory: Trajectory | None = None
+    storey: Storey = field(default_factory=Storey)
 
     def __repr__(self) -> str:
         parts = [f'polygon={self.polygon!r}', *(f'{len(found)} {name}' for name, found in (

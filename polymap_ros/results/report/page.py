@@ -113,6 +113,9 @@ def _facts(document: Document, warnings: int) -> Iterator[Fact]:
         yield Fact('Candidates', str(len(document['alternatives'])))
     else:
         yield Fact('Certain walls', str(len(document['walls'])))
+    for name in ('floor', 'ceiling'):
+        if f'{name}_m' in document.get('height', {}):
+            yield Fact(f'{name.capitalize()}, from the device', f'{document["height"][f"{name}_m"]:.3f} m')
     if document['iou_free_area'] is not None:
         yield Fact('Overlap with the free area', fixed(document['iou_free_area'], 4))
     counts = document['pings']

@@ -101,7 +101,8 @@ class Findings:
             return self.open()
         candidate = _polygon(found, certainty, self.search.data.positions)
         cautions = (*self.straight, *self._cautions(found, candidate))
-        answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions)
+        answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions,
+                          storey=found.storey)
         if self.straight:
             mirrored = candidate.mirrored(*path_axis(self.snapshot.positions))
             return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, mirrored))

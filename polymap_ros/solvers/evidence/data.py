@@ -115,6 +115,11 @@ class EchoData:
         half = 0.5 * self.baselines[:, :2]
         return np.hstack((self.positions - half, self.positions + half, self.baselines[:, 2:]))
 
+    @property
+    def level(self) -> bool:
+        """Whether emitter and receiver are at one height."""
+        return not np.any(self.baselines[:, 2])
+
     @cached_property
     def mean_power(self) -> NDArray[np.float64]:
         """Mean of `power` over the pings, shape (n_cells,)."""

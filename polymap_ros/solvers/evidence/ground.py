@@ -1,12 +1,15 @@
 """What every move stands on: the echoes, their likelihoods by all and by few pings, and what a waveform is worth."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import away_from
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase
@@ -54,7 +57,7 @@ class Ground:
     few, few_wave
         Those of one ping of `share`.
     nothing : Power
-        No walls.
+        No walls, but floor and ceiling where they are known.
     """
 
     def __init__(
@@ -69,6 +72,12 @@ class Ground:
         self.power, self.few = PowerLikelihood(data), PowerLikelihood(few)
         self.wave, self.few_wave = WaveformLikelihood(data), WaveformLikelihood(few)
         self.nothing = self.power.initial(0.0)
+
+    def between(self, storey: Storey, strength: float) -> Self:
+        """Return the same between floor and ceiling, at a strength of the echoes that was found with them."""
+        inside = copy.copy(self)
+        inside.nothing = self.power.initial(strength, storey)
+        return inside
 
     def explained(self, wave: Wave, enough: float = np.inf) -> float:
         """Return the share of the echoes' power that a waveform takes away, by few pings where that is `enough`.
@@ -116,7 +125,7 @@ class Ground:
         return better and self.explained(wave, ALL_EXPLAINED) > ALL_EXPLAINED
 
     def _aligned(self, power: Power, edge: EdgePhase) -> Wave | None:
-        wave = self.wave.refine(self.wave.begun(power.walls, edge.held()), 1)
+        wave = self.wave.refine(self.wave.begun(power.walls, edge.held(), power.storey), 1)
         if wave is None:
             return None
         # Echoes of even order tell the signs.

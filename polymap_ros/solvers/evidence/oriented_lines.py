@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 
+from polymap_ros.geometry.lines import wrapped
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.proposals import Candidates, foot_evidence
@@ -22,6 +23,9 @@ a little or by a few loudly, and short walls rank below it otherwise."""
 _LEAST_RUN = 5.0
 """Evidence of a run [nats] from which a line is proposed."""
 
+_TELLING = 4
+"""Lines of each quarter turn by which a direction is chosen."""
+
 
 def oriented_lines(
     data: EchoData, expected: NDArray[np.float64], strength: float, most: int
@@ -30,18 +34,13 @@ def oriented_lines(
 
     The first of both come first, then the second, and so on. r may be negative: the origin is beyond the line then.
     """
-    angles = int(np.clip(2.0 * np.pi * data.extent_m / data.pulse.width_m, 120, 1440))
-    theta = 2.0 * np.pi * np.arange(angles) / angles - np.pi
-    along = np.outer(np.cos(theta), data.positions[:, 1]) - np.outer(np.sin(theta), data.positions[:, 0])
-    order = np.argsort(along, axis=1, kind='stable')
-    evidence = np.maximum(foot_evidence(data, expected, strength), _HIDDEN).astype(np.float32)
+    theta = _angles(data)
+    evidence = _foot_evidence(data, expected, strength)
     capped = np.minimum(evidence, np.float32(_CAPPED)) - np.float32(_CHARGED)
-    reach = int(np.ceil(np.abs(data.positions).sum(axis=1).max() / data.cell_m))
-    cells = data.power.shape[1] + reach
+    reach = _reach(data)
     ranks: dict[tuple[int, int], tuple[int, float]] = {}
     for each in (evidence, capped):
-        scores = np.zeros((angles, reach + cells), np.float32)
-        _run_scores(each, data.positions, data.cell_m, theta, order, reach, scores)
+        scores = _scores(data, each, theta, reach)
         peaks = (scores == maximum_filter(scores, size=(7, 5), mode=('wrap', 'nearest'))) & (scores > _LEAST_RUN)
         best = np.argwhere(peaks)[np.argsort(-scores[peaks], kind='stable')[:most]]
         for rank, (row, column) in enumerate(best.tolist()):
@@ -50,6 +49,67 @@ def oriented_lines(
     found = sorted(ranks, key=lambda place: (ranks[place][0], place))
     lines = np.array([((column - reach) * data.cell_m, theta[row]) for row, column in found]).reshape(-1, 2)
     return Candidates(lines, np.array([ranks[place][1] for place in found]))
+
+
+def main_direction(data: EchoData, expected: NDArray[np.float64], strength: float) -> float:
+    """Return the direction [rad], up to right angles, along which lines were heard best."""
+    evidence, angles = _foot_evidence(data, expected, strength), _angles(data)
+    scores, peaks = _peaks_by_direction(data, evidence, angles)
+    best = np.sort(np.where(peaks, scores, 0.0), axis=1)[:, -_TELLING:].sum(axis=1)
+    return float(angles[int(np.argmax(best.reshape(4, -1).sum(axis=0)))])
+
+
+def aligned_lines(
+    data: EchoData, expected: NDArray[np.float64], strength: float, direction: float, most: int
+) -> Candidates:
+    """Return lines (m, 2) parallel and perpendicular to a direction [rad], at most so many of each quarter turn.
+
+    Where the direction is known, a wall that a few pings heard, or that is heard in two places, stands out from what
+    is clutter in some other direction: plates and rooms have right angles more often than not.
+    """
+    theta = wrapped(direction + 0.5 * np.pi * np.arange(4))
+    scores, peaks = _peaks_by_direction(data, _foot_evidence(data, expected, strength), theta)
+    found = []
+    for row in range(len(theta)):
+        columns = np.flatnonzero(peaks[row])
+        columns = columns[np.argsort(-scores[row, columns], kind='stable')][:most]
+        found += [((column - _reach(data)) * data.cell_m, theta[row], scores[row, column]) for column in columns]
+    table = np.array(found, float).reshape(-1, 3)
+    return Candidates(table[:, :2], table[:, 2])
+
+
+def _peaks_by_direction(
+    data: EchoData, evidence: NDArray[np.float32], theta: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Return `_scores`, and where each direction has a local maximum over r."""
+    scores = _scores(data, evidence, theta, _reach(data))
+    return scores, (scores == maximum_filter(scores, size=(1, 5), mode='nearest')) & (scores > _LEAST_RUN)
+
+
+def _foot_evidence(data: EchoData, expected: NDArray[np.float64], strength: float) -> NDArray[np.float32]:
+    return np.maximum(foot_evidence(data, expected, strength), _HIDDEN).astype(np.float32)
+
+
+def _angles(data: EchoData) -> NDArray[np.float64]:
+    """Return the directions that are tried (4 n,) [rad]: between two, the path's ends move a pulse's width at most."""
+    angles = 4 * int(np.clip(0.5 * np.pi * data.extent_m / data.pulse.width_m, 30, 360))
+    return np.asarray(2.0 * np.pi * np.arange(angles) / angles - np.pi)
+
+
+def _reach(data: EchoData) -> int:
+    """Return how many cells of r below 0 a line may have."""
+    return int(np.ceil(np.abs(data.positions).sum(axis=1).max() / data.cell_m))
+
+
+def _scores(
+    data: EchoData, evidence: NDArray[np.float32], theta: NDArray[np.float64], reach: int
+) -> NDArray[np.float32]:
+    """Return the evidence (len(theta), cells) of the best run of feet at every r from -`reach` cells on."""
+    along = np.outer(np.cos(theta), data.positions[:, 1]) - np.outer(np.sin(theta), data.positions[:, 0])
+    order = np.argsort(along, axis=1, kind='stable')
+    scores = np.zeros((len(theta), 2 * reach + data.power.shape[1]), np.float32)
+    _run_scores(evidence, data.positions, data.cell_m, theta, order, reach, scores)
+    return scores
 
 
 @kernel

@@ -16,12 +16,13 @@ reverse are equally long and add in phase: their power counts twice each. F is s
 wall's (r, theta), which makes it the objective of the search; its maximum is refined by the waveform's likelihood.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.likelihood import Slopes
@@ -32,6 +33,7 @@ from polymap_ros.solvers.evidence.power_sums import (
     power_likelihood,
     strength_slope,
 )
+from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 
 _BACKGROUND_WIDTHS = 11.0
@@ -57,6 +59,8 @@ class Power:
         Predicted power at strength 1.
     slopes : Slopes or None
         Derivatives, if they were asked for.
+    storey : Storey
+        Floor and ceiling.
     """
 
     walls: Walls
@@ -65,6 +69,7 @@ class Power:
     value: float
     explained: NDArray[np.float64]
     slopes: Slopes | None = None
+    storey: Storey = field(default_factory=Storey)
 
     @property
     def expected(self) -> NDArray[np.float64]:
@@ -75,9 +80,9 @@ class Power:
         """Return the same with another strength, not evaluated."""
         return replace(self, strength=strength, slopes=None)
 
-    def with_walls(self, walls: Walls) -> 'Power':
-        """Return the same with other walls, not evaluated."""
-        return replace(self, walls=walls, slopes=None)
+    def with_walls(self, walls: Walls, storey: Storey | None = None) -> 'Power':
+        """Return the same with other walls, and another storey if given, not evaluated."""
+        return replace(self, walls=walls, slopes=None, storey=storey or self.storey)
 
     @property
     def unknowns(self) -> Walls:
@@ -106,11 +111,19 @@ class PowerLikelihood:
             data.ends, data.power, data.gain, data.first_cell, data.range_max_m, data.soft_m, data.cell_m, data.weight,
             data.pulse.power, data.pulse.step_m, 2.0 * data.spreading)
 
-    def initial(self, strength: float) -> Power:
-        """Return no walls, and a background that holds all the mean power."""
-        background = self._smooth(self.data.mean_power - 1.0)
-        none = Walls(np.empty((0, 2)), np.empty(0))
-        return Power(none, strength, background, self.quiet(background), np.zeros_like(self.data.power))
+    def initial(self, strength: float, storey: Storey | None = None) -> Power:
+        """Return no walls but floor and ceiling, and a background that holds all the mean power that they leave."""
+        none, storey = Walls(np.empty((0, 2)), np.empty(0)), storey or Storey()
+        explained = np.zeros_like(self.data.power)
+        if len(storey):
+            scores, information = np.empty((len(explained), 0)), np.empty((len(explained), 0, 0))
+            power_likelihood(np.empty((0, 2)), FULL_ORDER, self._heard, np.empty(0), self._images(storey, FULL_ORDER),
+                             strength, np.zeros(explained.shape[1]), False, explained, scores, information)
+        background = self._smooth(self.data.mean_power - 1.0 - strength * np.mean(explained, axis=0))
+        return Power(none, strength, background, self.quiet(background), explained, storey=storey)
+
+    def _images(self, storey: Storey, order: int) -> NDArray[np.float64]:
+        return storey.images(order, self.data.level)
 
     def evaluate(self, walls: Walls, like: Power, order: int, derive: bool = False) -> Power | None:
         """Return F at the strength and background of another; None where the walls are no outline."""
@@ -121,10 +134,10 @@ class PowerLikelihood:
         explained = np.empty_like(self.data.power)
         scores, information = np.zeros((pings, size)), np.zeros((pings, size, size))
         value = self.quiet(like.background) + walls.log_prior() + float(power_likelihood(
-            corners, order, self._heard, walls.reflection**2, like.strength, like.background, derive, explained, scores,
-            information))
+            corners, order, self._heard, walls.reflection**2, self._images(like.storey, order), like.strength,
+            like.background, derive, explained, scores, information))
         slopes = Slopes(scores, information, np.empty((pings, size, 0)), np.empty((pings, 0, 0))) if derive else None
-        return Power(walls, like.strength, like.background, value, explained, slopes)
+        return Power(walls, like.strength, like.background, value, explained, slopes, like.storey)
 
     def value(self, walls: Walls, like: Power, order: int) -> float:
         """Return F at the strength and background of another; -inf where the walls are no outline."""
@@ -157,7 +170,7 @@ class PowerLikelihood:
             background = self._smooth(self.data.mean_power - 1.0 - strength * np.mean(found.explained, axis=0))
         value = self.quiet(background) + walls.log_prior() + float(
             self.data.weight * cells_likelihood(heard, found.explained, background, strength, first))
-        return Power(walls, strength, background, value, found.explained)
+        return Power(walls, strength, background, value, found.explained, storey=like.storey)
 
     def refine(self, walls: Walls, like: Power, order: int, iterations: int = 5) -> Power | None:
         """Return the nearest maximum of F over the walls, with what fits them best before and after the climb."""

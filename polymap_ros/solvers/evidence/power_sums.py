@@ -51,16 +51,16 @@ def by_power(heard: float, expected: float) -> tuple[float, float]:
 
 @kernel
 def power_likelihood(
-    corners: NDArray[np.float64], order: int, heard: HeardPower, reflected: NDArray[np.float64], strength: float,
-    background: NDArray[np.float64], derive: bool, explained: NDArray[np.float64], scores: NDArray[np.float64],
-    information: NDArray[np.float64],
+    corners: NDArray[np.float64], order: int, heard: HeardPower, reflected: NDArray[np.float64],
+    storey: NDArray[np.float64], strength: float, background: NDArray[np.float64], derive: bool,
+    explained: NDArray[np.float64], scores: NDArray[np.float64], information: NDArray[np.float64],
 ) -> float:
     """F of the cells in which echoes are predicted, less what it is there without them."""
     paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
     a, quiet = np.empty(len(paths.half)), 1.0 + background
     total = 0.0
     for i in range(len(heard.power)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, derive, paths)
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, derive, storey, paths)
         _fill_amplitudes(paths, count, heard.gain[i], heard, reflected, a)
         row = explained[i]
         row[:] = 0.0
@@ -84,7 +84,8 @@ def _fill_amplitudes(
     for m in range(count):
         if paths.hits[m] > 1:
             for q in range(m):
-                if paths.hits[q] == paths.hits[m] and abs(paths.half[q] - paths.half[m]) < 1e-7 * heard.range_max:
+                alike = paths.hits[q] == paths.hits[m] and paths.bounces[q] == paths.bounces[m]
+                if alike and abs(paths.half[q] - paths.half[m]) < 1e-7 * heard.range_max:
                     a[q] *= 2.0
                     a[m] *= 2.0
                     break

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
@@ -23,14 +24,18 @@ from polymap_ros.solvers.evidence.moves.residual import add_from_residual
 from polymap_ros.solvers.evidence.moves.retune import retune
 from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
 from polymap_ros.solvers.evidence.moves.slip import fix_cycle_slips, slipped
+from polymap_ros.solvers.evidence.moves.square import square_up
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.moves.start import Start, starts
+from polymap_ros.solvers.evidence.moves.storey import tune_storey
 from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall, merge_walls
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_start
+from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     COHERENT,
+    EXPLAINED,
     FULL_ORDER,
     IN_PHASE,
     PRICE,
@@ -62,6 +67,11 @@ class Found(NamedTuple):
         return self.power.walls if self.wave is None else self.wave.walls
 
     @property
+    def storey(self) -> Storey:
+        """Floor and ceiling."""
+        return self.power.storey if self.wave is None else self.wave.storey
+
+    @property
     def lines(self) -> NDArray[np.float64]:
         """r [m] and theta [rad] of the edges, in their order."""
         return self.walls.lines
@@ -73,6 +83,7 @@ class Found(NamedTuple):
 
 
 SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+    (tune_storey, np.inf),
     (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
@@ -83,10 +94,12 @@ SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = 
 """The moves of the waveform in the order in which they are tried, each where less than this share is explained."""
 
 RINGS: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+    (tune_storey, np.inf),
     (weigh_orders, np.inf),
     (turn_phase, WHOLE),
     (fix_cycle_slips, np.inf),
     (drop_wall, np.inf),
+    (square_up, np.inf),
     (merge_walls, np.inf),
     (retune, np.inf),
 )
@@ -100,11 +113,23 @@ class Search(Ground):
         """Return the same search over other data."""
         return Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint, self.edges)
 
-    def polygons(self) -> Iterator[Found | None]:
-        """Give what each start leads to, None where it leads to no polygon."""
-        for start in starts(self):
-            self.checkpoint()
-            yield None if start is None else self.settle(self.by_power(start), start.pool)
+    def polygons(self, storey: Storey | None = None, strength: float = 0.0) -> Iterator[Found | None]:
+        """Give what each start leads to, None where it leads to no polygon.
+
+        First between floor and ceiling, where they were heard, at a strength of the echoes; where that does not explain
+        them, without: between parallel walls an echo comes from one range everywhere, too.
+        """
+        searches = [self.between(storey, strength), self] if storey else [self]
+        for begun in zip(*(starts(search) for search in searches), strict=True):
+            best: Found | None = None
+            for search, start in zip(searches, begun, strict=True):
+                self.checkpoint()
+                found = None if start is None else search.settle(search.by_power(start), start.pool)
+                if found is not None and (best is None or found.value > best.value):
+                    best = found
+                if best is not None and best.explained > EXPLAINED:
+                    break
+            yield best
 
     def rings(self, convex: Found | None) -> Iterator[Found]:
         """Give outlines that need not be convex, as long as their start is worth clearly more than the convex one."""
@@ -117,6 +142,11 @@ class Search(Ground):
             if start is None or start.value - nothing < least:
                 return
             found = self.settle(improved_ring(self, start, pool))
+            if found is None:
+                continue
+            yield found
+            # What the waveform has moved and dropped, power may change further.
+            found = self.settle(improved_ring(self, found.power, pool))
             if found is not None:
                 yield found
 
@@ -128,7 +158,7 @@ class Search(Ground):
     def again(self, last: Found) -> Found | None:
         """Return the last answer, refined on the pings of today."""
         self.checkpoint()
-        like = self.nothing.with_strength(last.power.strength)
+        like = self.between(last.storey, last.power.strength).nothing
         if last.wave is None or not self.coherent:
             power = self.power.refine(last.walls, like, FULL_ORDER, 3)
             return None if power is None else self.judged(power, None)
@@ -154,7 +184,7 @@ class Search(Ground):
         if wave is not None and wave.value >= COHERENT * power.value:
             found = self.changed(power, wave)
         if not power.walls.convex_outline:
-            return found or self.judged(power, None)
+            return found or self.judged(power.with_walls(free(power.walls)), None)
         if found is None or found.value < IN_PHASE * power.value:
             pool = np.empty((0, 2)) if pool is None else pool
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
@@ -171,7 +201,10 @@ class Search(Ground):
             if better is None:
                 break
             wave = better
-        return self.judged(power, wave)
+        if free(wave.walls) is wave.walls:
+            return self.judged(power, wave)
+        loose = self.wave.refine(wave.with_walls(free(wave.walls)), FULL_ORDER)
+        return None if loose is None else self.changed(power, loose)
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""
@@ -188,7 +221,7 @@ class Search(Ground):
         """Return what a polygon explains of the echoes' power, and what it is worth."""
         if wave is not None:
             value = wave.value - PRICE * len(wave.walls)
-            return Found(power.with_walls(wave.walls), wave, self.explained(wave, enough), value)
+            return Found(power.with_walls(wave.walls, wave.storey), wave, self.explained(wave, enough), value)
         fitted = self.power.fitted(power.walls, power, FULL_ORDER)
         if fitted is None:
             return None

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.cautions import Caution
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
@@ -19,6 +20,7 @@ from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
+from polymap_ros.solvers.evidence.storey_heard import storey_heard
 from polymap_ros.solvers.evidence.tracking import Chain, Track
 from polymap_ros.solvers.evidence.tuning import EXPLAINED
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
@@ -139,7 +141,7 @@ class EvidenceSolver:
             return search, best, track
         self._searched = heard
         # Where poses are estimated, nothing is looked for from the reported ones.
-        founds = iter((None,)) if self._drift.on else reported.polygons()
+        founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
@@ -161,6 +163,11 @@ class EvidenceSolver:
                     break
                 best = mended
         return search, best, track and best and track.with_found(best)
+
+    def _storey(self, reported: Search) -> tuple[Storey, float]:
+        """Floor and ceiling that all pings hear, of a room, and the strength of their echoes; a plate has none."""
+        in_room = self._parameters.medium.model == 'constant' and reported.coherent
+        return storey_heard(reported.data) if in_room else (Storey(), 0.0)
 
     def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:
         """The best outline that need not be convex, from the reported poses; None where there is none.

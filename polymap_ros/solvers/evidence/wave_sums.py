@@ -79,7 +79,7 @@ def _amplitude(
     paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64], strengths: NDArray[np.float64]
 ) -> float:
     """b of a path: what its order counts for, its spreading, and its walls' coefficients."""
-    b: float = paths.weight[m] * falloff(paths.half[m], spreading) * strengths[paths.hits[m] - 1]
+    b: float = paths.weight[m] * falloff(paths.half[m], spreading) * strengths[paths.hits[m] + paths.bounces[m] - 1]
     for level in range(paths.hits[m]):
         b *= reflection[paths.walls[m, level]]
     return b
@@ -122,12 +122,13 @@ def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
 @kernel
 def add_up(
     corners: NDArray[np.float64], strengths: NDArray[np.float64], heard: Echoes, reflection: NDArray[np.float64],
-    table: NDArray[np.float64], own: NDArray[np.float64], derive: bool, sums: Sums
+    table: NDArray[np.float64], own: NDArray[np.float64], storey: NDArray[np.float64], derive: bool, sums: Sums
 ) -> None:
     """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|.
 
     `strengths` are those of the echoes of each order, up to the last one; `table` is the phase's delay by a reflection
-    over the cosine of incidence, empty where there is none, and `own` what each wall adds, empty where it adds nothing.
+    over the cosine of incidence, empty where there is none, and `own` what each wall adds, empty where it adds nothing;
+    `storey` as in `trace_paths`.
     """
     slant, columns, order = derive or len(table) > 0, sums.edge_x.shape[1], len(strengths)
     paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
@@ -136,7 +137,7 @@ def add_up(
     room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
                  np.empty((size, 4 * n)), np.empty((size, columns)))
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, slant, paths)
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
         for m in range(count):
             far = paths.half[m] >= 2.0 * heard.step
             room.b[m] = _amplitude(paths, m, heard.spreading, reflection, strengths) if far else 0.0
@@ -298,9 +299,9 @@ def _add_information(
 def predict(
     corners: NDArray[np.float64], strengths: NDArray[np.float64], heard: Echoes, cell: float,
     reflection: NDArray[np.float64], table: NDArray[np.float64], own: NDArray[np.float64],
-    amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
+    storey: NDArray[np.float64], amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
 ) -> None:
-    """Add the waveform to every ping's cells, `cell` apart; `strengths`, `table` and `own` as in `add_up`.
+    """Add the waveform to every ping's cells, `cell` apart; `strengths`, `table`, `own`, `storey` as in `add_up`.
 
     `out` has the shape (layers, N, cells): echoes of the first order, of the second and so on, in the last of them
     those of all that are left.
@@ -311,12 +312,13 @@ def predict(
     reach = (len(heard.baseband) - 5) * heard.step
     on = _turn(2.0 * heard.carrier * cell)
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, paths)
+        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, storey,
+                            paths)
         for m in range(count):
             b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection, strengths)
             low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
             turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]) - _delay(paths, m, table, own))
-            layer = min(paths.hits[m], len(out)) - 1
+            layer = min(paths.hits[m] + paths.bounces[m], len(out)) - 1
             for j in range(low, min(high, out.shape[2] - 1) + 1):
                 lag = j * cell - half[m]
                 psi, _ = cubic(heard.baseband, abs(lag) / heard.step + 2.0)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import first_orders
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import COMMON, REAL, EdgePhase
@@ -60,6 +61,8 @@ class Wave:
     strengths : ndarray, shape (FULL_ORDER,)
         What the echoes of each order count for: more or less than one where walls of one coefficient each do not say
         how they decay.
+    storey : Storey
+        Floor and ceiling.
     """
 
     walls: Walls
@@ -69,6 +72,7 @@ class Wave:
     slopes: Slopes | None = None
     edge: EdgePhase = REAL
     strengths: NDArray[np.float64] = field(default_factory=lambda: np.ones(FULL_ORDER))
+    storey: Storey = field(default_factory=Storey)
 
     @property
     def unknowns(self) -> Walls:
@@ -106,7 +110,7 @@ class WaveformLikelihood:
         self._heard = Echoes(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, pulse.step_m,
                             pulse.carrier, pulse.baseband, pulse.curvature)
 
-    def begun(self, walls: Walls, edge: EdgePhase = REAL) -> Wave:
+    def begun(self, walls: Walls, edge: EdgePhase = REAL, storey: Storey | None = None) -> Wave:
         """Return signed coefficients and the device's phase, from the first-order echoes alone; not evaluated.
 
         The phase that all walls share up to their signs maximises Re[exp(-2 j phi) sum_k s_k^2], s_k the
@@ -119,7 +123,7 @@ class WaveformLikelihood:
         if np.sum(signs * np.abs(sums)) < 0.0:
             signs, phase = -signs, phase + np.pi
         walls = replace(walls, reflection=signs * np.abs(walls.reflection))
-        return Wave(walls, phase, -np.inf, np.empty(0), edge=edge)
+        return Wave(walls, phase, -np.inf, np.empty(0), edge=edge, storey=storey or Storey())
 
     def _first_order(self, line: NDArray[np.float64]) -> complex:
         data, pulse = self.data, self.data.pulse
@@ -148,7 +152,7 @@ class WaveformLikelihood:
 
     def _at(self, corners: NDArray[np.float64], walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
         """Return L at the device's phase that fits best, near that of another, and its `edge`."""
-        sums = self._sums(corners, like.strengths[:order], walls, like.edge, derive)
+        sums = self._sums(corners, like, order, walls, derive)
         v, phase = np.maximum(sums.v, 1e-300), like.phase
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
@@ -157,7 +161,7 @@ class WaveformLikelihood:
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
         value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior(walls.delay)
         slopes = _slopes(sums, v, amplitudes, phase) if derive else None
-        return Wave(walls, phase, value, amplitudes, slopes, like.edge, like.strengths)
+        return Wave(walls, phase, value, amplitudes, slopes, like.edge, like.strengths, like.storey)
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
         """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
@@ -176,14 +180,14 @@ class WaveformLikelihood:
         outline, corners = corners_of(wave.walls.lines, self.data.shortest_m)
         if not outline:
             return np.zeros(len(self.data.positions))
-        sums = self._sums(corners, wave.strengths[:order], wave.walls, wave.edge, False)
+        sums = self._sums(corners, wave, order, wave.walls, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
         return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
 
     def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
         """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
         _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        sums = self._sums(corners, wave.strengths[:order], wave.walls, wave.edge, True)
+        sums = self._sums(corners, wave, order, wave.walls, True)
         v = np.maximum(sums.v, 1e-300)
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
         return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
@@ -192,16 +196,15 @@ class WaveformLikelihood:
         """Return the nearest maximum of L over the walls; None where they are no outline."""
         return climb(self, self.evaluate(start.walls, start, order, derive=True), order, iterations)
 
-    def _sums(
-        self, corners: NDArray[np.float64], strengths: NDArray[np.float64], walls: Walls, edge: EdgePhase, derive: bool
-    ) -> Sums:
+    def _sums(self, corners: NDArray[np.float64], like: Wave, order: int, walls: Walls, derive: bool) -> Sums:
         pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
-        more = len(edge.sought(walls.delay)) if derive else 0
+        more = len(like.edge.sought(walls.delay)) if derive else 0
         sums = Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
                     np.zeros((pings, size)), np.zeros((pings, size, size)), np.zeros((pings, more), complex),
                     np.zeros((pings, more)), np.zeros((pings, more)), np.zeros((pings, more, more)),
                     np.zeros((pings, size, more)))
-        add_up(corners, strengths, self._heard, walls.reflection, edge.table, edge.own(walls.delay), derive, sums)
+        add_up(corners, like.strengths[:order], self._heard, walls.reflection, like.edge.table,
+               like.edge.own(walls.delay), like.storey.images(order, self.data.level), derive, sums)
         return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
@@ -237,7 +240,8 @@ class WaveformLikelihood:
         _, corners = corners_of(wave.walls.lines)
         predicted = np.zeros((layers, *self.data.power.shape), complex)
         predict(corners, strengths, self._heard, self.data.cell_m, wave.walls.reflection, wave.edge.table,
-                wave.edge.own(wave.walls.delay), wave.amplitudes * np.exp(1j * wave.phase), predicted)
+                wave.edge.own(wave.walls.delay), wave.storey.images(len(strengths), self.data.level),
+                wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return predicted
 
     def _left(self, waveform: NDArray[np.complex128]) -> NDArray[np.float64]:

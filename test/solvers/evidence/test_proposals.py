@@ -15,6 +15,7 @@ from polymap_ros.geometry.image_sources import walls_of
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import corners_of, half_plane_polygon
 from polymap_ros.geometry.paths import first_order, room_for_paths, trace_paths
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.waveforms import Synthesis
 from polymap_ros.solvers.evidence.proposals import (
     Candidates,
@@ -287,7 +288,7 @@ def test_first_echoes_of_emitter_and_receiver_apart_are_those_of_the_traced_path
     for position, baseline in zip(positions, baselines, strict=True):
         ends = np.concatenate((position - 0.5 * baseline[:2], position + 0.5 * baseline[:2], baseline[2:]))
         heard = {int(paths.walls[m, 0]): paths.half[m]
-                 for m in range(trace_paths(walls, True, ends, 1, 9.0, 0.0, False, paths))}
+                 for m in range(trace_paths(walls, True, ends, 1, 9.0, 0.0, False, Storey().images(1), paths))}
         for wall, (c, s, r, start, end) in enumerate(walls[:, :5]):
             half, along = first_order(r, c, s, *position, *baseline)
             assert (start <= along <= end) == (wall in heard)

@@ -1,6 +1,7 @@
 """A wall too many: the others, refitted without it, are worth more."""
 
 from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.square import on_ridge
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER, OBVIOUS, PRICE
 from polymap_ros.solvers.evidence.walls import Walls
@@ -36,6 +37,8 @@ def _best(ground: Ground, wave: Wave, trials: list[Walls], obvious: float = OBVI
             continue
         ground.checkpoint()
         fewer = ground.wave.refine(fewer, FULL_ORDER)
+        if fewer is not None and not fewer.walls.convex_outline:
+            fewer = on_ridge(ground, fewer) or fewer
         if fewer is not None and (best is None or fewer.value > best.value):
             best = fewer
     return best if best is not None and ground.worth(best) > ground.worth(wave) else None
