@@ -3,7 +3,7 @@
 # usage: bags/regenerate.sh [FOLDER]    (default: this folder, whose recordings are replaced)
 set -eu
 folder=${1:-$(dirname "$0")}
-for scene in triangle quadrilateral pentagon rectangle; do
+for scene in triangle quadrilateral pentagon rectangle l_shape room; do
     storage=mcap
     if [ "$scene" = quadrilateral ]; then storage=sqlite3; fi
     rm -rf "${folder:?}/$scene"

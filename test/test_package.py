@@ -110,7 +110,8 @@ def test_scenes_are_found_without_the_package_s_own_file(monkeypatch):
     namespace = types.ModuleType('polymap_ros')
     namespace.__path__ = polymap_ros.__path__
     monkeypatch.setitem(sys.modules, 'polymap_ros', namespace)
-    assert scene_file.built_in_scenes() == ['pentagon', 'quadrilateral', 'rectangle', 'triangle']
+    assert scene_file.built_in_scenes() == [
+        'l_shape', 'pentagon', 'quadrilateral', 'rectangle', 'room', 'triangle']
 
 
 def test_types_and_configuration_are_installed():

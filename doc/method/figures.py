@@ -262,8 +262,9 @@ def waveform() -> Figure:
                     data.pulse.baseband, data.pulse.curvature)
     predicted = np.zeros(data.signal.shape, complex)
     corners = np.roll(vertices, first_corner(wave.walls.lines), axis=0)
-    predict(corners, FULL_ORDER, echoes, step, wave.walls.reflection, wave.amplitudes * np.exp(1j * wave.phase),
-            predicted)
+    predict(corners, wave.strengths, echoes, step, wave.walls.reflection, wave.edge.table,
+            wave.edge.own(wave.walls.delay), wave.storey.images(FULL_ORDER), wave.amplitudes * np.exp(1j * wave.phase),
+            predicted[None])
     range_m = step * np.arange(data.signal.shape[1])
     signal = data.signal[PING] * np.exp(2j * carrier * range_m)
     figure, (above, below) = figure_of(2, 1, (7.0, 4.4), sharex=True, sharey=True)

@@ -9,19 +9,21 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.plane import XY, Plane
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.triangulation import triangles
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.outputs import Make, header, point_messages, pose_message
 from polymap_ros.messages.shown import shown
 from polymap_ros.solvers.estimate import Edge, Estimate
 
 ADD, DELETE_ALL = 0, 3
-LINE_STRIP, LINE_LIST, TEXT = 4, 5, 9
+LINE_STRIP, LINE_LIST, TEXT, TRIANGLE_LIST = 4, 5, 9, 11
 
 MAX_PATH_POINTS = 1000
 """A longer path is thinned: a message is built point by point."""
 
 Color = tuple[float, float, float, float]
 OUTLINE: Color = (1.0, 1.0, 1.0, 1.0)
+AREA: Color = (0.6, 0.8, 1.0, 0.15)
 LINES: Color = (0.9, 0.3, 0.3, 0.6)
 FREE_AREA: Color = (0.3, 0.7, 1.0, 0.8)
 PATH: Color = (0.3, 0.9, 0.3, 1.0)
@@ -92,7 +94,10 @@ def delete_all_message(make: Make, frame_id: str) -> Any:
 
 
 def marker_array_message(make: Make, drawing: Drawing) -> Any:
-    """DELETEALL, then outline, lines, free area, sensor path and a text; stamp 0, for late joiners to place them."""
+    """DELETEALL, then outline, what it holds, lines, free area, sensor path and a text.
+
+    Their stamp is 0, for late joiners to place them.
+    """
     low, high = drawing.bounds
     size = max(float(np.hypot(*(high - low))), 1e-6)
     polygon = drawing.estimate.polygon if drawing.estimate is not None else None
@@ -100,6 +105,7 @@ def marker_array_message(make: Make, drawing: Drawing) -> Any:
     rings = [_segments(ring) for ring in drawing.free_area]
     shapes = [
         ('outline', LINE_STRIP, outline, OUTLINE, 0.008),
+        ('area', TRIANGLE_LIST, outline[triangles(outline[:-1]).ravel()], AREA, 0.0),
         ('lines', LINE_LIST, _lines(drawing.edges, (low + high) / 2, size), LINES, 0.003),
         ('free_area', LINE_LIST, np.concatenate(rings) if rings else np.empty((0, 2)), FREE_AREA, 0.003),
         ('path', LINE_STRIP, drawing.path, PATH, 0.004),
@@ -148,7 +154,8 @@ def _marker(
     make: Make, frame_id: str, namespace: str, kind: int, *, action: int = ADD, points: Sequence[Any] = (),
     color: Color = (0.0, 0.0, 0.0, 0.0), width: float = 0.0, text: str = '', pose: Any = None,
 ) -> Any:
-    scale = {'x': 0.0, 'y': 0.0, 'z': width} if kind == TEXT else {'x': width, 'y': 0.0, 'z': 0.0}
+    scale = {TEXT: {'x': 0.0, 'y': 0.0, 'z': width}, TRIANGLE_LIST: {'x': 1.0, 'y': 1.0, 'z': 1.0}}.get(
+        kind, {'x': width, 'y': 0.0, 'z': 0.0})
     return make(
         'visualization_msgs/msg/Marker', header=header(make, 0, frame_id), ns=namespace, id=0, type=kind, action=action,
         pose=pose or pose_message(make, Pose(0.0, 0.0)), scale=make('geometry_msgs/msg/Vector3', **scale),

@@ -11,11 +11,12 @@ from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.echoes import ping_from_message
 from polymap_ros.messages.odometry import stamped_pose
+from polymap_ros.parameter_file import load_parameters
 from polymap_ros.parameters import Parameters
 from polymap_ros.recordings.truth import read_truth
 
 BAGS = Path(__file__).parents[2] / 'bags'
-SCENES = ('triangle', 'quadrilateral', 'pentagon', 'rectangle')
+SCENES = ('triangle', 'quadrilateral', 'pentagon', 'rectangle', 'l_shape', 'room')
 
 
 def read(path):
@@ -42,12 +43,14 @@ def test_a_recording_can_be_made_again(scene, tmp_path):
     paths = (np.loadtxt(folder / scene / 'truth.tum') for folder in (BAGS, tmp_path))
     np.testing.assert_allclose(next(paths), next(paths), atol=1e-12)
     files = {path.name for path in (tmp_path / scene).iterdir()}
-    assert files == {f'{scene}.mcap', 'metadata.yaml', 'truth.json', 'truth.tum'}
+    told = {'params.yaml'} if scene == 'room' else set()
+    assert files == {f'{scene}.mcap', 'metadata.yaml', 'truth.json', 'truth.tum'} | told
 
 
 @pytest.mark.parametrize('scene', SCENES)
-def test_default_parameters_find_the_plate(scene):
-    mapper = PolygonMapper(Parameters())
+def test_default_parameters_find_the_plate_and_a_rooms_own_the_room(scene):
+    told = BAGS / scene / 'params.yaml'
+    mapper = PolygonMapper(load_parameters(told) if told.exists() else Parameters())
     for topic, ns, message, kind in read(BAGS / scene):
         if topic == '/odom':
             stamp_ns, frame_id, pose = stamped_pose(message)
@@ -58,7 +61,9 @@ def test_default_parameters_find_the_plate(scene):
     estimate = mapper.solve()
     assert mapper.counts.used == 60
     assert estimate.status == 'closed'
+    assert not estimate.cautions
     assert compare(estimate.polygon.vertices, read_truth(BAGS / scene)).right
+    assert estimate.storey.height_m.tolist() == pytest.approx([0.3, 2.2] if scene == 'room' else [], abs=1e-3)
 
 
 def test_the_recordings_are_small_and_of_both_storages():

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import shapely
 
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.pose import Pose
@@ -35,8 +36,10 @@ def points(marker):
 
 def test_closed_polygon_is_drawn_with_its_lines_path_and_free_area(make, transported):
     found = markers(make, transported, CLOSED)
-    assert list(found) == ['outline', 'lines', 'free_area', 'path', 'text']
+    assert list(found) == ['outline', 'area', 'lines', 'free_area', 'path', 'text']
     assert np.allclose(points(found['outline']), np.vstack([SQUARE, SQUARE[:1]]))
+    filled = shapely.MultiPolygon([shapely.Polygon(each) for each in points(found['area']).reshape(-1, 3, 2)])
+    assert (filled.area, filled.bounds) == (pytest.approx(2.0), (1.0, 1.0, 3.0, 2.0))
     assert np.allclose(points(found['path']), PATH)
     assert np.allclose(points(found['free_area']), RING[[0, 1, 1, 2, 2, 3]])
     assert found['text'].text == 'closed: 4 edges, cost -1.5, IoU with free area 0.900'

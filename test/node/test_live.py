@@ -123,7 +123,7 @@ def test_occupancy_map_is_the_polygon(live):
 def test_markers_start_with_deleteall_and_have_no_stamp(live):
     markers = live.received['markers'][-1].markers
     assert markers[0].action == markers[0].DELETEALL
-    assert [each.ns for each in markers[1:]] == ['outline', 'lines', 'free_area', 'path', 'text']
+    assert [each.ns for each in markers[1:]] == ['outline', 'area', 'lines', 'free_area', 'path', 'text']
     assert all(each.header.stamp.sec == each.header.stamp.nanosec == 0 for each in markers)
     assert all(each.header.frame_id == 'odom' for each in markers)
     outline = np.array([[point.x, point.y] for point in markers[1].points])

@@ -144,7 +144,7 @@ def test_what_is_wrong_with_a_scene_file_is_said(tmp_path, text, word):
 
 
 def test_an_unknown_scene_lists_the_built_in_ones():
-    with pytest.raises(SceneError, match=r'nowhere: .*pentagon, quadrilateral, rectangle, triangle'):
+    with pytest.raises(SceneError, match=r'nowhere: .*l_shape, pentagon, quadrilateral, rectangle, room, triangle'):
         load_scene('nowhere')
 
 

@@ -16,7 +16,7 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.power_sums import more_power
 from polymap_ros.solvers.evidence.tuning import PRICE, SEARCH_ORDER
 
-_PEAKS = 8
+_AGREED = 8
 """Ranges at which all pings hear something, the strongest, that are tried as heights."""
 
 _COMMON = 12.0
@@ -63,7 +63,7 @@ def _peaks(data: EchoData, common: NDArray[np.float64], quiet: NDArray[np.float6
     reach = max(1, round(data.pulse.width_m / data.cell_m))
     found: list[int] = []
     for cell in np.argsort(-common, kind='stable'):
-        if len(found) == _PEAKS:
+        if len(found) == _AGREED:
             break
         if cell < data.first_cell or cell in (0, len(common) - 1) or common[cell] < _COMMON * quiet[cell]:
             continue
