@@ -75,7 +75,8 @@ class Follower:
         known = self._known(chain)
         if last is None or len(known) < _LEAST:
             return None
-        like = search.nothing.with_strength(last.power.strength).with_walls(last.walls)  # the cells may be others today
+        # The cells may be others today.
+        like = search.between(last.storey, last.power.strength).nothing.with_walls(last.walls)
         track = refined(search, chain, last._replace(power=like), known, self._poses_of(known, chain), _AGAIN)
         if track is None:
             return None

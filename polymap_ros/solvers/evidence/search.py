@@ -35,6 +35,7 @@ from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     COHERENT,
+    DIFFERENT,
     EXPLAINED,
     FULL_ORDER,
     IN_PHASE,
@@ -111,7 +112,8 @@ class Search(Ground):
 
     def over(self, data: EchoData) -> 'Search':
         """Return the same search over other data."""
-        return Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint, self.edges)
+        other = Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint, self.edges)
+        return other.between(self.nothing.storey, self.nothing.strength) if len(self.nothing.storey) else other
 
     def polygons(self, storey: Storey | None = None, strength: float = 0.0) -> Iterator[Found | None]:
         """Give what each start leads to, None where it leads to no polygon.
@@ -136,11 +138,13 @@ class Search(Ground):
         fitted = convex and self.power.fitted(convex.walls, convex.power, SEARCH_ORDER)
         nothing = self.nothing.value
         least = RING_WORTH * ((fitted.value if fitted else nothing) - nothing)
+        known = -np.inf
         for most in RING_LINES:
             self.checkpoint()
             start, pool = ring_start(self, most)
-            if start is None or start.value - nothing < least:
+            if start is None or start.value - nothing < least or abs(start.value - known) < DIFFERENT:
                 return
+            known = start.value
             found = self.settle(improved_ring(self, start, pool))
             if found is None:
                 continue
