@@ -264,7 +264,7 @@ def test_a_period_that_is_off_by_a_factor_is_the_only_cause_told_and_costs_no_se
     assert f'times too {"long" if factor > 1.0 else "short"}' in done.complaint
 
 
-@pytest.mark.parametrize('per_metre', [100.0, 1000.0])
+@pytest.mark.parametrize('per_metre', [pytest.param(100.0, marks=pytest.mark.heavy), 1000.0])
 def test_odometry_in_another_unit_is_told_and_costs_no_search(call, altered, tmp_path, per_metre):
     def enlarge(index, message):
         position = message.pose.pose.position

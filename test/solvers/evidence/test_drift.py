@@ -174,6 +174,7 @@ def test_pings_that_come_later_join_without_another_search(monkeypatch):
     assert slam_trial('typical', scene, estimate, 0.0, 0.003).path.worst_m < 1e-3
 
 
+@pytest.mark.heavy
 def test_a_refit_is_joined_under_the_pings_that_came_while_it_took_its_time():
     """Its first checkpoint waits until eight more pings are used, four seconds of the drive."""
     scene = CASES['typical'].make(4, 5)
@@ -216,6 +217,7 @@ def test_what_no_walls_explain_is_open_and_ends():
     assert estimate.trajectory is None
 
 
+@pytest.mark.heavy
 def test_save_load_and_go_on_gives_what_an_uninterrupted_run_gives():
     scene = CASES['typical'].make(4, 5)
     some = messages(scene)
@@ -287,6 +289,7 @@ def test_who_goes_on_where_the_robot_was_keeps_the_reported_poses():
     assert len(second.soundings) == 60
 
 
+@pytest.mark.heavy
 def test_beyond_the_echoes_that_are_kept_every_ping_has_its_place():
     """130 pings, of which 96 are kept: solved on the way as a replay does."""
     scene = dataclasses.replace(random_scene(4, 4, Recipe(pings=130)), faults=Faults(drift='typical'))
