@@ -8,6 +8,7 @@ from scipy.special import expit
 
 from polymap_ros.solvers.evidence.ground import least_gain
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
+from polymap_ros.solvers.evidence.moves.faint import SILENT
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER, OBVIOUS, PRICE
@@ -30,9 +31,6 @@ wall near by may give them as well."""
 _CYCLE_ERROR = 7e-4
 """Share of a cycle of range, pi / k0, below which sampling, truncation and interpolation let no r be
 known; without phase, of the pulse's width."""
-
-_SILENT = 0.2
-"""Reflection coefficient below which a wall bounds the polygon by the echoes it takes from others, not by its own."""
 
 
 class Certainty(NamedTuple):
@@ -68,7 +66,7 @@ def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] |
     doubt = np.clip((found.explained + search.uncertainty) / _TRUSTED, 0.0, 1.0)
     if found.wave is None and (search.coherent or search.dispersed):
         doubt *= _OUT_OF_PHASE
-    silent = np.abs(found.walls.reflection) < _SILENT
+    silent = np.abs(found.walls.reflection) < SILENT
     covariance = _covariance(search, found) if with_poses is None else with_poses.copy()
     pulse, offsets = search.data.pulse, np.arange(0, len(covariance), 2)
     cycle_m = np.pi / pulse.carrier if found.wave is not None else pulse.width_m

@@ -10,6 +10,7 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Stopped
 from polymap_ros.solvers.evidence.first_walls import first_walls
 from polymap_ros.solvers.evidence.moves.exchange import improved
+from polymap_ros.solvers.evidence.moves.faint import rehearse_faint
 from polymap_ros.solvers.evidence.moves.start import chosen, start_at
 from polymap_ros.solvers.evidence.proposals import Candidates
 from polymap_ros.solvers.evidence.ring_search import rehearse_rings
@@ -40,6 +41,7 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
         improved(search, square, 1, np.empty((0, 2)), residual=True)
         search.settle(square)
     search.judge(square)
+    rehearse_faint()
     if parameters.solver.outline == 'auto' and IS_COMPILED:
         rehearse_rings(search, walls.lines)
     first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)

@@ -18,6 +18,7 @@ from polymap_ros.solvers.evidence.edge_phase import laws
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
+from polymap_ros.solvers.evidence.moves.faint import hear_faint
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
@@ -89,6 +90,7 @@ SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = 
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
     (drop_wall, np.inf),
+    (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
     (cut_corner, WHOLE),
 )

@@ -228,6 +228,12 @@ class WaveformLikelihood:
         strengths, _ = nnls(root.T, np.linalg.solve(root, along))
         return strengths, self._left(heard - np.tensordot(strengths, layers, 1))
 
+    def left_without_carrier(self, wave: Wave) -> NDArray[np.complex128]:
+        """Return what a waveform leaves of the signal, without the carrier, on the cells of `data.power`."""
+        ranges = self.data.cell_m * np.arange(self.data.power.shape[1])
+        left = self._on_cells() - self._predicted(wave, wave.strengths, 1)[0]
+        return np.asarray(left * np.exp(-2j * self.data.pulse.carrier * ranges))
+
     def _on_cells(self) -> NDArray[np.complex128]:
         """The signal on the cells of `data.power`."""
         data, pulse = self.data, self.data.pulse

@@ -8,7 +8,8 @@ from heard_scenes import hear
 from references import inside
 
 from polymap_ros.evaluation.trials import filled_mapper
-from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.geometry.lines import polygon_lines, wrapped
 from polymap_ros.geometry.outline import bounding_lines, corners_of, half_plane_polygon
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.parameters import Parameters
@@ -20,6 +21,7 @@ from polymap_ros.solvers.evidence.certainty import certainty_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.moves.corner_cut import slid
 from polymap_ros.solvers.evidence.moves.exchange import improved
+from polymap_ros.solvers.evidence.moves.faint import hear_faint
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
 from polymap_ros.solvers.evidence.moves.scan import scanned
 from polymap_ros.solvers.evidence.moves.slip import slipped
@@ -331,3 +333,21 @@ def test_where_positions_are_off_power_has_the_last_word_unless_phases_agree_by_
     found = search.settle(search.power.initial(1.0).with_walls(Walls.convex(heard.lines)))
     assert (found.wave is not None) == in_phase
     np.testing.assert_allclose(found.lines, heard.lines, atol=8e-3)
+
+
+def test_a_wall_that_reflects_a_fifth_is_heard_in_phase_in_the_place_of_a_silent_one():
+    """The silent wall is at the neighbour's side, where it takes a few of its echoes; the faint one 30 degrees on."""
+    scene = VARIANTS['damped_0.2'].make(2, 6)
+    search, lines = in_room(scene)
+    faint = int(np.argmin(np.abs(wrapped(lines[:, 1] + 2.734))))
+    beside = lines.copy()
+    beside[faint] = lines[(faint + 1) % 6] + (0.012, -0.11)
+    reflection = np.ones(6)
+    reflection[faint] = 0.05
+    power = search.nothing.with_strength(1.0).with_walls(Walls(beside, reflection))
+    wave = search.wave.refine(search.wave.begun(power.walls), 5)
+    assert np.argmin(np.abs(wave.walls.reflection)) == faint
+    better = hear_faint(search, Standing(power, wave, search.explained(wave)))
+    assert better.walls.lines[faint] == pytest.approx(lines[faint], abs=1e-3)
+    assert better.walls.reflection[faint] == pytest.approx(0.2, abs=0.02)
+    assert hear_faint(search, Standing(power, better, 1.0)) is None

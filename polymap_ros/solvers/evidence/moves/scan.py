@@ -20,7 +20,7 @@ def replace_by_scan(ground: Ground, standing: Standing) -> Wave | None:
     bases = []
     for wall in range(len(wave.walls)):
         ground.checkpoint()
-        bases.append(_without(ground, wave, wall))
+        bases.append(left_out(ground, wave, wall))
     worth = sorted((base for base in bases if base is not None), key=lambda base: -base.value)
     for other in (*worth[:EXCHANGED], *([wave] if len(wave.walls) < ground.max_edges else [])):
         base = base_of(ground, standing.power, other)
@@ -57,7 +57,7 @@ def scanned(ground: Ground, base: Power) -> NDArray[np.float64]:
     return np.array([(r, angle) for _, r, angle in best]).reshape(-1, 2)
 
 
-def _without(ground: Ground, wave: Wave, wall: int) -> Wave | None:
+def left_out(ground: Ground, wave: Wave, wall: int) -> Wave | None:
     """Return the waveform without a wall; where nothing closes without it, it is moved beyond hearing and silent."""
     fewer = ground.wave.evaluate(wave.walls.without(wall), wave, FULL_ORDER)
     if fewer is not None:

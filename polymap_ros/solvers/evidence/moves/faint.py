@@ -1,0 +1,133 @@
+"""A wall that reflects a fifth: what the waveform leaves, added up in phase over all pings, tells where it is.
+
+In power its echoes drown in those of the others. With the device's phase and the pings' amplitudes known, the
+first-order echoes of a line are worth x^2 / 2 y, with x = sum_i A_i d_i^-p Re[exp(-j phi) c_i(d_i)] over what is left
+and y = sum_i A_i^2 d_i^-2p, for a coefficient of x / y: a map of eq. (4) with phase.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.lines import wrapped
+from polymap_ros.jit import kernel
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.scan import left_out
+from polymap_ros.solvers.evidence.moves.standing import Standing, better_of
+from polymap_ros.solvers.evidence.tuning import FULL_ORDER
+from polymap_ros.solvers.evidence.wave_sums import cubic
+from polymap_ros.solvers.evidence.waveform import Wave
+
+SILENT = 0.17
+"""Reflection coefficient below which a wall takes echoes from others and has none of its own: in the place of a wall
+that reflects 0.2 those have 0.02 to 0.14, and the wall itself 0.20 (six plates, even seeds)."""
+
+_STEPS = 5.0
+"""Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most, of
+which four fifths are left."""
+
+_BESIDE_RAD = 0.05
+"""Lines nearer to a neighbour's direction than this are the neighbour's."""
+
+_FEET = 4
+"""Feet that a line has at least."""
+
+_TRIED = 6
+"""Lines that are tried, the best that are a pulse's width apart."""
+
+
+def hear_faint(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the best waveform with another line, heard faintly, in the place of a wall that is silent."""
+    wave = standing.wave
+    for wall in np.flatnonzero(np.abs(wave.walls.reflection) < SILENT):
+        ground.checkpoint()
+        trials = []
+        for line, reflection in _faint_lines(ground, wave, int(wall)):
+            lines, coefficients = wave.walls.lines.copy(), wave.walls.reflection.copy()
+            lines[wall], coefficients[wall] = line, reflection
+            walls = replace(wave.walls, lines=lines, reflection=coefficients)
+            trial = ground.wave.evaluate(walls, wave, FULL_ORDER)
+            if trial is not None:
+                trials.append(trial)
+        better = better_of(ground, wave, trials)
+        if better is not None:
+            return better
+    return None
+
+
+def _faint_lines(ground: Ground, wave: Wave, wall: int) -> list[tuple[NDArray[np.float64], float]]:
+    """Return lines between a wall's neighbours and their coefficients, those first that are worth most."""
+    data, lines = ground.data, wave.walls.lines
+    base = left_out(ground, wave, wall)
+    if base is None:
+        return []
+    before, after = lines[wall - 1], lines[(wall + 1) % len(lines)]
+    turn = float(np.mod(after[1] - before[1], 2.0 * np.pi))
+    theta_step = 2.0 * ground.cycle_m / (_STEPS * data.extent_m)
+    theta = before[1] + np.arange(_BESIDE_RAD, min(turn, np.pi) - _BESIDE_RAD, theta_step)
+    r = np.arange(0.0, data.range_max_m, ground.cycle_m / _STEPS)
+    if len(theta) == 0:
+        return []
+    left, cell_m = ground.wave.left_without_carrier(base), data.cell_m
+    worth, coefficient = np.zeros((len(theta), len(r))), np.zeros((len(theta), len(r)))
+    _add_in_phase(left, base.amplitudes, base.phase, data.positions, theta, r, np.array((before, after)), cell_m,
+                  data.pulse.carrier, data.spreading, data.first_cell, worth, coefficient)
+    found: list[tuple[NDArray[np.float64], float]] = []
+    for place in np.argsort(-worth, axis=None, kind='stable')[:_TRIED * 200]:
+        row, column = np.unravel_index(place, worth.shape)
+        line = np.array((r[column], wrapped(theta[row])))
+        if worth[row, column] <= 0.0 or len(found) == _TRIED:
+            break
+        if abs(coefficient[row, column]) >= SILENT and not ground.one_of(line, [known for known, _ in found]):
+            found.append((line, float(np.clip(coefficient[row, column], -1.0, 1.0))))
+    return found
+
+
+def rehearse_faint() -> None:
+    """Use the kernel once."""
+    one, table = np.ones(1), np.zeros((1, 1))
+    _add_in_phase(np.zeros((1, 8), complex), one, 0.0, np.zeros((1, 2)), one, one, np.array([(1.0, 0.0), (1.0, 2.0)]),
+                  1.0, 1.0, 0.5, 0, table, table.copy())
+
+
+@kernel
+def _add_in_phase(
+    left: NDArray[np.complex128], amplitudes: NDArray[np.float64], phase: float, positions: NDArray[np.float64],
+    theta: NDArray[np.float64], r: NDArray[np.float64], neighbours: NDArray[np.float64], cell: float, carrier: float,
+    spreading: float, first: int, worth: NDArray[np.float64], coefficient: NDArray[np.float64],
+) -> None:
+    """Fill what each line is worth and its coefficient, by the feet between where it meets its neighbours."""
+    turn = complex(np.cos(phase), -np.sin(phase))
+    for t in range(len(theta)):
+        c, s = np.cos(theta[t]), np.sin(theta[t])
+        for q in range(len(r)):
+            # Where the neighbours are met, along the line from the foot of the origin.
+            start, end = -np.inf, np.inf
+            for k in range(2):
+                sine = np.sin(neighbours[k, 1] - theta[t])
+                met = (neighbours[k, 0] - r[q] * np.cos(neighbours[k, 1] - theta[t])) / sine
+                if k == 0:
+                    start = met
+                else:
+                    end = met
+            if start >= end:
+                continue
+            x, y, feet = 0.0, 0.0, 0
+            for i in range(len(positions)):
+                away = r[q] - positions[i, 0] * c - positions[i, 1] * s
+                along = positions[i, 1] * c - positions[i, 0] * s
+                if away <= 0.0:  # a ping would be outside
+                    feet = 0
+                    break
+                at = away / cell
+                if along < start or along > end or at < max(first, 2) or at > left.shape[1] - 4:
+                    continue
+                weight = amplitudes[i] * away**-spreading
+                value, _ = cubic(left[i], at)
+                angle = 2.0 * carrier * away
+                x += weight * (turn * value * complex(np.cos(angle), np.sin(angle))).real
+                y += weight * weight
+                feet += 1
+            if feet >= _FEET and y > 0.0:
+                worth[t, q], coefficient[t, q] = 0.5 * x * x / y, x / y
