@@ -23,7 +23,7 @@ SILENT = 0.17
 """Reflection coefficient below which a wall takes echoes from others and has none of its own: in the place of a wall
 that reflects 0.2 those have 0.02 to 0.14, and the wall itself 0.20 (six plates, even seeds)."""
 
-_STEPS = 5.0
+_PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most, of
 which four fifths are left."""
 
@@ -33,7 +33,7 @@ _BESIDE_RAD = 0.05
 _FEET = 4
 """Feet that a line has at least."""
 
-_TRIED = 6
+_LISTED = 6
 """Lines that are tried, the best that are a pulse's width apart."""
 
 
@@ -64,9 +64,9 @@ def _faint_lines(ground: Ground, wave: Wave, wall: int) -> list[tuple[NDArray[np
         return []
     before, after = lines[wall - 1], lines[(wall + 1) % len(lines)]
     turn = float(np.mod(after[1] - before[1], 2.0 * np.pi))
-    theta_step = 2.0 * ground.cycle_m / (_STEPS * data.extent_m)
+    theta_step = 2.0 * ground.cycle_m / (_PER_CYCLE * data.extent_m)
     theta = before[1] + np.arange(_BESIDE_RAD, min(turn, np.pi) - _BESIDE_RAD, theta_step)
-    r = np.arange(0.0, data.range_max_m, ground.cycle_m / _STEPS)
+    r = np.arange(0.0, data.range_max_m, ground.cycle_m / _PER_CYCLE)
     if len(theta) == 0:
         return []
     left, cell_m = ground.wave.left_without_carrier(base), data.cell_m
@@ -74,10 +74,10 @@ def _faint_lines(ground: Ground, wave: Wave, wall: int) -> list[tuple[NDArray[np
     _add_in_phase(left, base.amplitudes, base.phase, data.positions, theta, r, np.array((before, after)), cell_m,
                   data.pulse.carrier, data.spreading, data.first_cell, worth, coefficient)
     found: list[tuple[NDArray[np.float64], float]] = []
-    for place in np.argsort(-worth, axis=None, kind='stable')[:_TRIED * 200]:
+    for place in np.argsort(-worth, axis=None, kind='stable')[:_LISTED * 200]:
         row, column = np.unravel_index(place, worth.shape)
         line = np.array((r[column], wrapped(theta[row])))
-        if worth[row, column] <= 0.0 or len(found) == _TRIED:
+        if worth[row, column] <= 0.0 or len(found) == _LISTED:
             break
         if abs(coefficient[row, column]) >= SILENT and not ground.one_of(line, [known for known, _ in found]):
             found.append((line, float(np.clip(coefficient[row, column], -1.0, 1.0))))

@@ -8,7 +8,7 @@ from polymap_ros.solvers.evidence.square_walls import SquareWalls, free, squared
 from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave
 
-_STEPS = 10
+_ALONG = 10
 """Steps of the climb along the ridge, at most."""
 
 
@@ -23,7 +23,7 @@ def on_ridge(ground: Ground, wave: Wave) -> Wave | None:
     if square is None:
         return None
     ground.checkpoint()
-    best = ground.wave.refine(replace(wave, walls=square, slopes=None), FULL_ORDER, _STEPS)
+    best = ground.wave.refine(replace(wave, walls=square, slopes=None), FULL_ORDER, _ALONG)
     if best is None or best.value < wave.value + DIFFERENT:
         return None
     return ground.wave.evaluate(free(best.walls), best, FULL_ORDER, derive=True)
