@@ -8,6 +8,7 @@ import numpy as np
 from polymap_ros import __version__
 from polymap_ros.cautions import Caution
 from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
@@ -47,6 +48,15 @@ def test_the_keys_are_those_of_the_contract():
     assert list(found['pings']['dropped']) == ['no_pose', 'stale']
     assert found['software'] == {'polymap_ros': __version__}
     assert found['parameters'] == Parameters().flat()
+
+
+def test_floor_and_ceiling_are_there_where_they_were_heard():
+    storey = Storey(np.array([0.3, 2.1]), np.array([0.8, 0.75]))
+    assert written(dataclasses.replace(CLOSED, storey=storey))['height'] == {
+        'floor_m': 0.3, 'floor_reflection': 0.8, 'ceiling_m': 2.1, 'ceiling_reflection': 0.75}
+    alone = Storey(storey.height_m[:1], storey.reflection[:1])
+    assert list(written(dataclasses.replace(CLOSED, storey=alone))['height']) == ['floor_m', 'floor_reflection']
+    assert 'height' not in written(CLOSED)
 
 
 def test_an_ambiguous_answer_has_alternatives_only():

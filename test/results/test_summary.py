@@ -7,6 +7,7 @@ from polymap_ros.geometry.alignment import PathError
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.geometry.storey import Storey
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.summary import summary
@@ -30,6 +31,12 @@ def test_a_closed_room():
     assert 'against the truth: 4 edges of 4, right; IoU 0.9960' in lines
     assert '  wall offset: median 1 mm, largest 2 mm' in lines
     assert '  wall angle: median 0 deg, largest 0 deg' in lines
+
+
+def test_a_rooms_height_is_told():
+    storey = Storey(np.array([0.3, 2.1]), np.array([0.8, 0.75]))
+    text = summary(Estimate('closed', 'evidence', polygon=ROOM, storey=storey), 'odom', PingCounts())
+    assert 'floor 0.3000 m from the device, reflects 0.80\nceiling 2.1000 m from the device, reflects 0.75' in text
 
 
 def test_deviations_are_in_millimetres_and_degrees():
