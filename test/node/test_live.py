@@ -129,8 +129,8 @@ def test_markers_start_with_deleteall_and_have_no_stamp(live):
     outline = np.array([[point.x, point.y] for point in markers[1].points])
     polygon = corners(live.received['polygon'][-1])
     assert np.allclose(outline, np.vstack([polygon, polygon[:1]]), atol=1e-6)
-    assert len(markers[4].points) == 60
-    assert markers[5].text.startswith('closed: ')
+    assert len(markers[5].points) == 60
+    assert markers[6].text.startswith('closed: ')
 
 
 def test_save_answers_with_a_new_absolute_folder_each_time(live):

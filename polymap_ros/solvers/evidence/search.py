@@ -18,7 +18,7 @@ from polymap_ros.solvers.evidence.edge_phase import laws
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
-from polymap_ros.solvers.evidence.moves.faint import hear_faint
+from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
@@ -40,6 +40,7 @@ from polymap_ros.solvers.evidence.tuning import (
     EXPLAINED,
     FULL_ORDER,
     IN_PHASE,
+    PHASED,
     PRICE,
     RING_LINES,
     RING_WORTH,
@@ -93,6 +94,7 @@ SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = 
     (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
     (cut_corner, WHOLE),
+    (look_for_faint, ALL_EXPLAINED),  # the dearest
 )
 """The moves of the waveform in the order in which they are tried, each where less than this share is explained."""
 
@@ -216,7 +218,8 @@ class Search(Ground):
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""
         if found.wave is None or not found.walls.convex_outline:
             return None
-        wave = replace_by_scan(self, Standing(found.power, found.wave, found.explained))
+        standing = Standing(found.power, found.wave, found.explained)
+        wave = look_for_faint(self, standing, PHASED) or replace_by_scan(self, standing)
         return None if wave is None else self.changed(found.power, wave)
 
     def judge(self, power: Power) -> Found | None:

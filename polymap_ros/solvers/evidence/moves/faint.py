@@ -5,7 +5,7 @@ first-order echoes of a line are worth x^2 / 2 y, with x = sum_i A_i d_i^-p Re[e
 and y = sum_i A_i^2 d_i^-2p, for a coefficient of x / y: a map of eq. (4) with phase.
 """
 
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.scan import left_out
 from polymap_ros.solvers.evidence.moves.standing import Standing, better_of
-from polymap_ros.solvers.evidence.tuning import FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import EXPLAINED, FULL_ORDER
 from polymap_ros.solvers.evidence.wave_sums import cubic
 from polymap_ros.solvers.evidence.waveform import Wave
 
@@ -40,38 +40,52 @@ _LISTED = 6
 def hear_faint(ground: Ground, standing: Standing) -> Wave | None:
     """Return the best waveform with another line, heard faintly, in the place of a wall that is silent."""
     wave = standing.wave
-    for wall in np.flatnonzero(np.abs(wave.walls.reflection) < SILENT):
+    return _heard(ground, wave, np.flatnonzero(np.abs(wave.walls.reflection) < SILENT).tolist())
+
+
+def look_for_faint(ground: Ground, standing: Standing, least: float = EXPLAINED) -> Wave | None:
+    """The same in the place of any wall, or in addition, where at least this share is explained.
+
+    It takes a second and more: where a second mode leaves a tenth unexplained, no wall is there to be found.
+    """
+    if standing.explained < least:
+        return None
+    walls = range(len(standing.wave.walls))
+    return _heard(ground, standing.wave, walls, walls if len(walls) < ground.max_edges else ())
+
+
+def _heard(ground: Ground, wave: Wave, places: Sequence[int], corners: Sequence[int] = ()) -> Wave | None:
+    """Return the first waveform that is worth more with a faint line in the place of a wall, or before one."""
+    lines = wave.walls.lines
+    for place, replaced in (*((wall, True) for wall in places), *((wall, False) for wall in corners)):
         ground.checkpoint()
-        trials = []
-        for line, reflection in _faint_lines(ground, wave, int(wall)):
-            lines, coefficients = wave.walls.lines.copy(), wave.walls.reflection.copy()
-            lines[wall], coefficients[wall] = line, reflection
-            walls = replace(wave.walls, lines=lines, reflection=coefficients)
-            trial = ground.wave.evaluate(walls, wave, FULL_ORDER)
-            if trial is not None:
-                trials.append(trial)
-        better = better_of(ground, wave, trials)
-        if better is not None:
+        base = left_out(ground, wave, place) if replaced else wave
+        if base is None:
+            continue
+        rest = wave.walls.without(place) if replaced else wave.walls
+        after = lines[(place + 1) % len(lines)] if replaced else lines[place]
+        trials = [ground.wave.evaluate(rest.with_line(line, reflection), wave, FULL_ORDER)
+                  for line, reflection in _faint_lines(ground, base, lines[place - 1], after)]
+        better = better_of(ground, wave, [trial for trial in trials if trial is not None])
+        if better is not None and ground.worth(better) > ground.worth(wave):
             return better
     return None
 
 
-def _faint_lines(ground: Ground, wave: Wave, wall: int) -> list[tuple[NDArray[np.float64], float]]:
-    """Return lines between a wall's neighbours and their coefficients, those first that are worth most."""
-    data, lines = ground.data, wave.walls.lines
-    base = left_out(ground, wave, wall)
-    if base is None:
-        return []
-    before, after = lines[wall - 1], lines[(wall + 1) % len(lines)]
+def _faint_lines(
+    ground: Ground, base: Wave, before: NDArray[np.float64], after: NDArray[np.float64]
+) -> list[tuple[NDArray[np.float64], float]]:
+    """Return lines between two walls and their coefficients, those first that are worth most of what a base leaves."""
+    data = ground.data
     turn = float(np.mod(after[1] - before[1], 2.0 * np.pi))
     theta_step = 2.0 * ground.cycle_m / (_PER_CYCLE * data.extent_m)
     theta = before[1] + np.arange(_BESIDE_RAD, min(turn, np.pi) - _BESIDE_RAD, theta_step)
     r = np.arange(0.0, data.range_max_m, ground.cycle_m / _PER_CYCLE)
     if len(theta) == 0:
         return []
-    left, cell_m = ground.wave.left_without_carrier(base), data.cell_m
+    left = ground.wave.left_without_carrier(base)
     worth, coefficient = np.zeros((len(theta), len(r))), np.zeros((len(theta), len(r)))
-    _add_in_phase(left, base.amplitudes, base.phase, data.positions, theta, r, np.array((before, after)), cell_m,
+    _add_in_phase(left, base.amplitudes, base.phase, data.positions, theta, r, np.array((before, after)), data.cell_m,
                   data.pulse.carrier, data.spreading, data.first_cell, worth, coefficient)
     found: list[tuple[NDArray[np.float64], float]] = []
     for place in np.argsort(-worth, axis=None, kind='stable')[:_LISTED * 200]:
