@@ -32,6 +32,14 @@ class SquareWalls(Walls):
         _, group = np.unique(np.delete(self.group, wall), return_inverse=True)
         return replace(super().without(wall), group=group)
 
+    def with_line(self, line: NDArray[np.float64], reflection: float = 1.0) -> Walls:  # type: ignore[override]
+        """Return the walls and one more, each by itself: it belongs to no group."""
+        return free(self).with_line(line, reflection)
+
+    def inserted(self, at: int, line: NDArray[np.float64], reflection: float) -> Walls:  # type: ignore[override]
+        """Return the walls and one more, before a wall, each by itself."""
+        return free(self).inserted(at, line, reflection)
+
     @property
     def _ties(self) -> NDArray[np.float64]:
         """What r, theta and ln |rho| of the walls (3 n) move by with r, the groups' turns and ln |rho|."""

@@ -51,6 +51,14 @@ def test_a_step_turns_all_of_a_group_and_moves_each():
     assert len(found.without(2).group) == n - 1
 
 
+def test_one_wall_more_sets_all_free():
+    square = squared(walls_of(np.array([(0.0, 0.0), (1.4, 0.0), (1.4, 0.9), (0.0, 0.9)])))
+    for more in (square.with_line(np.array((1.5, 0.7)), 0.5), square.inserted(2, np.array((1.5, 0.7)), 0.5)):
+        assert type(more) is Walls
+        assert len(more) == 5
+        assert more.moved(np.zeros(15)).reflection.min() == 0.5
+
+
 def test_a_step_is_shortened_as_a_whole():
     found = squared(walls_of(L_SHAPE))
     step = np.concatenate((np.zeros(len(found)), [0.1], np.zeros(len(found))))
