@@ -172,7 +172,7 @@ def trace_images(
             continue
         images[depth, 0], images[depth, 1], hit[depth] = qx, qy, wall
         if bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie:
-            clear = 1.0 if convex else _clear(walls, images, hit, depth, to_x, to_y, soft)
+            clear = 1.0 if convex else _clear(walls, images, hit, depth, to_x, to_y, soft, max(soft, _TIE * size))
             if clear > 0.0 and not (merge and _is_known(found, min(count, capacity), qx, qy, 1e-7 * size)):
                 if count < capacity:
                     found[count, 0], found[count, 1], found[count, 2] = qx, qy, clear
@@ -243,11 +243,12 @@ def _is_known(found: NDArray[np.float64], count: int, x: float, y: float, near: 
 @kernel
 def _clear(
     walls: NDArray[np.float64], images: NDArray[np.float64], hit: NDArray[np.int64], depth: int, to_x: float,
-    to_y: float, soft: float,
+    to_y: float, soft: float, near: float,
 ) -> float:
     """Return the share of a path, traced back from the receiver over the walls hit, that no other wall takes.
 
-    A wall in the way takes all of it, but near its ends, shrunk by `soft`, ever less over twice that length.
+    A wall in the way takes all of it, but near its ends, shrunk by `soft`, ever less over twice that length. A hit
+    that is so `near` behind a wall that it meets in a corner is in the corner.
     """
     x, y, behind = to_x, to_y, -1
     if walls[hit[depth], 2] <= x * walls[hit[depth], 0] + y * walls[hit[depth], 1]:  # is behind the wall hit last
@@ -268,7 +269,7 @@ def _clear(
             c, s = walls[wall, 0], walls[wall, 1]
             here = walls[wall, 2] - x * c - y * s
             there = here - dx * c - dy * s
-            if (-soft <= here < 0.0 and _beside(walls, wall, behind, 1.0)) or (-soft <= there < 0.0 and _beside(
+            if (-near <= here < 0.0 and _beside(walls, wall, behind, 1.0)) or (-near <= there < 0.0 and _beside(
                     walls, wall, ahead, 1.0)):
                 continue  # the hit is past the soft end of its own wall
             if (here < 0.0 < there) or (there < 0.0 < here):

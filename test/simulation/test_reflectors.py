@@ -3,10 +3,12 @@
 import numpy as np
 import pyroomacoustics
 import pytest
+import shapely
 
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.simulation.reflectors import Reflectors, heard_images
+from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS
 
 L_SHAPE = np.array([[0.0, 0.0], [1.6, 0.0], [1.6, 0.7], [0.8, 0.7], [0.8, 1.3], [0.0, 1.3]])
 T_SHAPE = np.array([[0.6, 0.0], [1.0, 0.0], [1.0, 0.8], [1.6, 0.8], [1.6, 1.4], [0.0, 1.4], [0.0, 0.8], [0.6, 0.8]])
@@ -76,3 +78,18 @@ def test_a_short_seam_is_heard_beside_it_only():
     walls = Reflectors.outline(square).with_seam([0.6, 0.2], [0.6, 0.4], 0.5)
     for y, count in ((0.3, 5), (0.5, 4), (0.1, 4)):
         assert len(heard_images(walls, [0.25, y], 1)[0]) == count
+
+
+@pytest.mark.parametrize('kind', ['l', 't', 'u', 'z'])
+def test_a_right_angle_sends_its_echo_back_whatever_rounding_makes_of_the_corner(kind):
+    """The path over both walls of a corner goes through the corner itself; it is there once, from every place."""
+    corners = SHAPE_KINDS[kind].corners(np.random.default_rng(4))
+    walls, inside = Reflectors.outline(corners, 1.0), shapely.Polygon(corners).buffer(-0.03)
+    drawn = np.random.default_rng(5).uniform(corners.min(axis=0), corners.max(axis=0), (150, 2))
+    places = [place for place in drawn if inside.contains(shapely.Point(place))]
+    assert len(places) > 60
+    for place in places:
+        found, (expected, amplitude) = visible_images(corners, place, 3), heard_images(walls, place, 3)
+        assert np.sum(found.amplitude) == pytest.approx(np.sum(amplitude))
+        apart = np.linalg.norm(expected[:, None] - found.position_m[None], axis=2)
+        assert np.all(apart.min(axis=1) < 1e-6)
