@@ -30,6 +30,7 @@ def taped(scene, **changes):
     return tape.session()
 
 
+@pytest.mark.heavy
 def test_the_pulse_of_a_transducer_is_found_and_the_walls_with_it():
     scene = VARIANTS['q_5'].make(104, 4)
     session = taped(scene)

@@ -62,7 +62,8 @@ def test_live_loses_nothing_and_tells_by_the_second(tmp_path):
 def test_cpu_of_the_node_that_only_subscribes():
     stream = Stream(50.0, 10.0, 2048)
     row = cpu_of('polymap_ros.node.reference', [], stream, 1.0, stream.pings())
-    assert 0.0 <= row['idle_share'] < row['share'] < 1.0
+    # The clock of CPU ticks by a hundredth of this second: beside other work a tick may fall either way.
+    assert 0.0 <= row['idle_share'] < row['share'] + 0.02 < 1.0
     # The third round is twice as slow for both; the ratios of the other node are 3, 5 and 2.
     lines = cpu_table([each for factor, slow in ((3.0, 1.0), (5.0, 1.0), (2.0, 2.0)) for each in (
         {'node': 'one', **row, 'ping_us': 100.0 * slow},

@@ -108,12 +108,14 @@ def frame_deviation(estimate):
     return max(edge.theta_std for edge in estimate.polygon.edges)
 
 
+@pytest.mark.heavy
 def test_more_noise_of_the_heading_makes_less_certain(typical):
     scene, _, usual = typical
     estimate = fed(scene, messages(scene), **{'slam.noise_deg_sqrt_m': 12.0}).solve()
     assert frame_deviation(estimate) > 1.05 * frame_deviation(usual)
 
 
+@pytest.mark.heavy
 def test_more_noise_of_turns_makes_less_certain(typical):
     scene, _, usual = typical
     estimate = fed(scene, messages(scene), **{'slam.noise_turn': 0.5}).solve()
