@@ -24,7 +24,7 @@ _RESIDUAL = 20
 
 _ALIGNED, _ALIGNED_RESIDUAL = 16, 8
 """Lines of each quarter turn that are parallel or perpendicular to most, of all that was heard and of what a ring
-leaves: among as many were 38 of the 39 walls of five outlines with right angles that were not found without."""
+leaves: among the first as many were 33 of the 34 such walls of five outlines that were not found without."""
 
 _WALKED = 120
 """Lines that walks are made of: their time grows with the square."""
