@@ -33,6 +33,11 @@ class Storey:
         """Return the number of planes."""
         return len(self.height_m)
 
+    @property
+    def planes(self) -> list[tuple[str, float, float]]:
+        """Name, height [m] and coefficient of each."""
+        return list(zip(('floor', 'ceiling'), self.height_m.tolist(), self.reflection.tolist(), strict=False))
+
     def images(self, order: int, level: bool = True) -> NDArray[np.float64]:
         """Return the emitter's images by up to so many reflections from the planes, the emitter itself first.
 

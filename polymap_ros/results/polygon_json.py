@@ -72,9 +72,8 @@ def polygon_document(
 
 def _height(storey: Storey) -> dict[str, Any]:
     """Floor and ceiling, where there are any."""
-    planes = zip(('floor', 'ceiling'), storey.height_m, storey.reflection, strict=False)
-    told = {f'{name}_{what}': _number(value) for name, height, reflection in planes
-            for what, value in (('m', float(height)), ('reflection', float(reflection)))}
+    told = {f'{name}_{what}': _number(value) for name, height, reflection in storey.planes
+            for what, value in (('m', height), ('reflection', reflection))}
     return {'height': told} if told else {}
 
 

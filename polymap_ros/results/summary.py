@@ -45,8 +45,8 @@ def summary(
         lines += [f'candidate {number}', *_polygon_lines(candidate, frame_id)]
     if estimate.walls:
         lines += ['certain walls', *_edge_table(estimate.walls)]
-    lines += [f'{name} {height:.4f} m from the device, reflects {reflection:.2f}' for name, height, reflection in zip(
-        ('floor', 'ceiling'), estimate.storey.height_m, estimate.storey.reflection, strict=False)]
+    lines += [f'{name} {height:.4f} m from the device, reflects {reflection:.2f}'
+              for name, height, reflection in estimate.storey.planes]
     lines.append(f'pings: {counts.received} received, {counts.used} used{_dropped(counts.dropped)}')
     if estimate.iou_free_area is not None:
         lines.append(f'IoU with the free area: {estimate.iou_free_area:.4f}')

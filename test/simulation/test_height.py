@@ -39,11 +39,6 @@ def test_echoes_are_those_of_pyroomacoustics_images():
     np.testing.assert_allclose(found, expected, atol=5e-3 * np.abs(expected).max())
 
 
-def test_no_planes_are_the_room_without():
-    room = air_filled(random_scene(1, 5))
-    np.testing.assert_array_equal(noise_free(room), noise_free(dataclasses.replace(room, height=Height())))
-
-
 def test_a_plate_has_no_height():
     plate = random_scene(1, 5)
     with pytest.raises(SceneError, match=r'height is that of a room.*medium\.model'):

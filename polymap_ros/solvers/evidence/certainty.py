@@ -8,10 +8,9 @@ from scipy.special import expit
 
 from polymap_ros.solvers.evidence.ground import least_gain
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
-from polymap_ros.solvers.evidence.moves.faint import SILENT
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.tuning import FULL_ORDER, OBVIOUS, PRICE
+from polymap_ros.solvers.evidence.tuning import FULL_ORDER, OBVIOUS, PRICE, SILENT
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 

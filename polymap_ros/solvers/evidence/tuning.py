@@ -71,6 +71,10 @@ remaining walls can win back at most a few tens; a wall that is heard is worth t
 ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
+SILENT = 0.17
+"""Reflection coefficient below which a wall takes echoes from others and has none of its own: in the place of a wall
+that reflects 0.2 those have 0.02 to 0.14, and the wall itself 0.20 (six plates, even seeds)."""
+
 WHOLE = 0.995
 """Share from which not even an edge as short as the pulse may be missing."""
 

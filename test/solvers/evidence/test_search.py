@@ -12,7 +12,7 @@ from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.geometry.lines import polygon_lines, wrapped
 from polymap_ros.geometry.outline import bounding_lines, corners_of, half_plane_polygon
 from polymap_ros.geometry.pose import Pose
-from polymap_ros.parameters import Parameters
+from polymap_ros.parameters import Parameters, SensorParameters
 from polymap_ros.simulation.doubtful_scenes import KINDS
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
 from polymap_ros.solvers.evidence import data as data_module
@@ -335,9 +335,11 @@ def test_where_positions_are_off_power_has_the_last_word_unless_phases_agree_by_
     np.testing.assert_allclose(found.lines, heard.lines, atol=8e-3)
 
 
-def test_a_wall_that_reflects_a_fifth_is_heard_in_phase_in_the_place_of_a_silent_one():
+@pytest.mark.parametrize('apart_m', [0.0, 0.05])
+def test_a_wall_that_reflects_a_fifth_is_heard_in_phase_in_the_place_of_a_silent_one(apart_m):
     """The silent wall is at the neighbour's side, where it takes a few of its echoes; the faint one 30 degrees on."""
-    scene = VARIANTS['damped_0.2'].make(2, 6)
+    sensor = SensorParameters(baseline_x_m=apart_m)
+    scene = dataclasses.replace(VARIANTS['damped_0.2'].make(2, 6), sensor=sensor)
     search, lines = in_room(scene)
     faint = int(np.argmin(np.abs(wrapped(lines[:, 1] + 2.734))))
     beside = lines.copy()

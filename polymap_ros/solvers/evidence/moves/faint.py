@@ -11,17 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import wrapped
+from polymap_ros.geometry.paths import first_order
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.scan import left_out
 from polymap_ros.solvers.evidence.moves.standing import Standing, better_of
-from polymap_ros.solvers.evidence.tuning import EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import EXPLAINED, FULL_ORDER, SILENT
 from polymap_ros.solvers.evidence.wave_sums import cubic
 from polymap_ros.solvers.evidence.waveform import Wave
-
-SILENT = 0.17
-"""Reflection coefficient below which a wall takes echoes from others and has none of its own: in the place of a wall
-that reflects 0.2 those have 0.02 to 0.14, and the wall itself 0.20 (six plates, even seeds)."""
 
 _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most, of
@@ -85,8 +82,9 @@ def _faint_lines(
         return []
     left = ground.wave.left_without_carrier(base)
     worth, coefficient = np.zeros((len(theta), len(r))), np.zeros((len(theta), len(r)))
-    _add_in_phase(left, base.amplitudes, base.phase, data.positions, theta, r, np.array((before, after)), data.cell_m,
-                  data.pulse.carrier, data.spreading, data.first_cell, worth, coefficient)
+    _add_in_phase(left, base.amplitudes, base.phase, data.positions, data.baselines, theta, r,
+                  np.array((before, after)), data.cell_m, data.pulse.carrier, data.spreading, data.first_cell, worth,
+                  coefficient)
     found: list[tuple[NDArray[np.float64], float]] = []
     for place in np.argsort(-worth, axis=None, kind='stable')[:_LISTED * 200]:
         row, column = np.unravel_index(place, worth.shape)
@@ -101,15 +99,16 @@ def _faint_lines(
 def rehearse_faint() -> None:
     """Use the kernel once."""
     one, table = np.ones(1), np.zeros((1, 1))
-    _add_in_phase(np.zeros((1, 8), complex), one, 0.0, np.zeros((1, 2)), one, one, np.array([(1.0, 0.0), (1.0, 2.0)]),
-                  1.0, 1.0, 0.5, 0, table, table.copy())
+    _add_in_phase(np.zeros((1, 8), complex), one, 0.0, np.zeros((1, 2)), np.zeros((1, 3)), one, one,
+                  np.array([(1.0, 0.0), (1.0, 2.0)]), 1.0, 1.0, 0.5, 0, table, table.copy())
 
 
 @kernel
 def _add_in_phase(
     left: NDArray[np.complex128], amplitudes: NDArray[np.float64], phase: float, positions: NDArray[np.float64],
-    theta: NDArray[np.float64], r: NDArray[np.float64], neighbours: NDArray[np.float64], cell: float, carrier: float,
-    spreading: float, first: int, worth: NDArray[np.float64], coefficient: NDArray[np.float64],
+    baselines: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
+    neighbours: NDArray[np.float64], cell: float, carrier: float, spreading: float, first: int,
+    worth: NDArray[np.float64], coefficient: NDArray[np.float64],
 ) -> None:
     """Fill what each line is worth and its coefficient, by the feet between where it meets its neighbours."""
     turn = complex(np.cos(phase), -np.sin(phase))
@@ -129,8 +128,8 @@ def _add_in_phase(
                 continue
             x, y, feet = 0.0, 0.0, 0
             for i in range(len(positions)):
-                away = r[q] - positions[i, 0] * c - positions[i, 1] * s
-                along = positions[i, 1] * c - positions[i, 0] * s
+                away, along = first_order(r[q], c, s, positions[i, 0], positions[i, 1], baselines[i, 0],
+                                          baselines[i, 1], baselines[i, 2])
                 if away <= 0.0:  # a ping would be outside
                     feet = 0
                     break
