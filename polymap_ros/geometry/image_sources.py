@@ -13,6 +13,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.geometry.outline import is_convex
+from polymap_ros.geometry.sides import Sides, outline_sides
 from polymap_ros.jit import kernel
 
 _TIE = 1e-9
@@ -76,11 +77,11 @@ def visible_images(
     for at_x, at_y in ((x, y), (to_x, to_y)):
         if not polygon.contains(shapely.Point(at_x, at_y)):
             raise ValueError(f'({at_x:g}, {at_y:g}) is not inside the polygon')
-    capacity, convex = 256, is_convex(corners)
+    capacity, sides = 256, outline_sides(corners, 0.0, is_convex(corners))
     while True:
         found = np.empty((capacity, 3))
         walls = np.full((capacity, order), -1, dtype=np.int64)
-        count = trace_images(walls_of(corners, 0.0), convex, x, y, to_x, to_y, order, np.inf, 0.0, True, found, walls)
+        count = trace_images(sides, x, y, to_x, to_y, order, np.inf, 0.0, True, found, walls)
         if count <= capacity:
             break
         capacity = 2 * count
@@ -93,40 +94,17 @@ def visible_images(
 
 
 @kernel
-def walls_of(corners: NDArray[np.float64], beyond: float) -> NDArray[np.float64]:
-    """Return the walls of a polygon (n, 2), counter-clockwise, as rows for `trace_images`, shape (n, 9).
-
-    cos(theta) and sin(theta) of the outward normal, r; where the wall starts and ends along itself, counted from the
-    foot of the origin; x and y of its start and of its end, each moved outwards by `beyond` [m].
-    """
-    n = len(corners)
-    walls = np.empty((n, 9))
-    for i in range(n):
-        x, y = corners[i, 0], corners[i, 1]
-        j = i + 1 if i + 1 < n else 0
-        ex, ey = corners[j, 0] - x, corners[j, 1] - y
-        length = np.sqrt(ex * ex + ey * ey)
-        ex, ey = ex / length, ey / length
-        walls[i, 0], walls[i, 1], walls[i, 2] = ey, -ex, x * ey - y * ex
-        walls[i, 3] = x * ex + y * ey
-        walls[i, 4] = walls[i, 3] + length
-        walls[i, 5], walls[i, 6] = x - beyond * ex, y - beyond * ey
-        walls[i, 7], walls[i, 8] = x + (length + beyond) * ex, y + (length + beyond) * ey
-    return walls
-
-
-@kernel
 def trace_images(
-    walls: NDArray[np.float64], convex: bool, x: float, y: float, to_x: float, to_y: float, order: int, farthest: float,
-    soft: float, merge: bool, found: NDArray[np.float64], sequences: NDArray[np.int64],
+    sides: Sides, x: float, y: float, to_x: float, to_y: float, order: int, farthest: float, soft: float, merge: bool,
+    found: NDArray[np.float64], sequences: NDArray[np.int64],
 ) -> int:
-    """Write images of (x, y) that are visible from (to_x, to_y) and at most `farthest` away, and their walls.
+    """Write images of (x, y) that are visible from (to_x, to_y) and at most `farthest` away, and their sides.
 
-    `walls` are those of `walls_of`, moved outwards by `soft`; `found` (capacity, 3), x and y of each image and the
-    share of it that no wall in the way takes, and `sequences` (capacity, order) are filled. Returns the number of
-    images, which may exceed the capacity: then only as many as fit are written. Images that coincide count once if they
-    are to `merge`.
+    `sides` are soft over `soft`; `found` (capacity, 3), x and y of each image and the share of it that no wall in the
+    way takes, and `sequences` (capacity, order) are filled. Returns the number of images, which may exceed the
+    capacity: then only as many as fit are written. Images that coincide count once if they are to `merge`.
     """
+    walls, convex = sides.rows, sides.convex
     n, capacity, count = len(walls), len(found), 0
     size = np.max(np.abs(walls[:, 5] - walls[0, 5]) + np.abs(walls[:, 6] - walls[0, 6]))
     tie = _TIE * size * size
@@ -150,7 +128,7 @@ def trace_images(
             lit = _LIT
             if not convex:  # only what is beyond the last wall, where the beam enters the room
                 last = hit[depth - 1]
-                if _beside(walls, wall, last, -1.0):  # where their ends are soft only
+                if sides.corners[last, wall] < 0:  # where their ends are soft only
                     continue
                 c, s = walls[last, 0], walls[last, 1]
                 lit, ax, ay, bx, by = _beyond(walls[last, 2] + soft - px * c - py * s, c, s, ax, ay, bx, by)
@@ -172,7 +150,7 @@ def trace_images(
             continue
         images[depth, 0], images[depth, 1], hit[depth] = qx, qy, wall
         if bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie:
-            clear = 1.0 if convex else _clear(walls, images, hit, depth, to_x, to_y, soft, max(soft, _TIE * size))
+            clear = 1.0 if convex else _clear(sides, images, hit, depth, to_x, to_y, soft, max(soft, _TIE * size))
             if clear > 0.0 and not (merge and _is_known(found, min(count, capacity), qx, qy, 1e-7 * size)):
                 if count < capacity:
                     found[count, 0], found[count, 1], found[count, 2] = qx, qy, clear
@@ -242,18 +220,19 @@ def _is_known(found: NDArray[np.float64], count: int, x: float, y: float, near: 
 
 @kernel
 def _clear(
-    walls: NDArray[np.float64], images: NDArray[np.float64], hit: NDArray[np.int64], depth: int, to_x: float,
-    to_y: float, soft: float, near: float,
+    sides: Sides, images: NDArray[np.float64], hit: NDArray[np.int64], depth: int, to_x: float, to_y: float,
+    soft: float, near: float,
 ) -> float:
-    """Return the share of a path, traced back from the receiver over the walls hit, that no other wall takes.
+    """Return the share of a path, traced back from the receiver over the sides hit, that no other wall takes.
 
-    A wall in the way takes all of it, but near its ends, shrunk by `soft`, ever less over twice that length. A hit
-    that is so `near` behind a wall that it meets in a corner is in the corner.
+    A wall in the way takes all of it or, where it lets waves through, a part; near its ends, shrunk by `soft`, ever
+    less over twice that length. A hit that is so `near` behind a wall that it meets in a corner is in the corner.
     """
+    walls = sides.rows
     x, y, behind = to_x, to_y, -1
     if walls[hit[depth], 2] <= x * walls[hit[depth], 0] + y * walls[hit[depth], 1]:  # is behind the wall hit last
         return 0.0
-    inside = -np.inf
+    inside, passed = -np.inf, 1.0
     for level in range(depth, -1, -1):
         ahead = hit[level] if level > 0 else -1
         dx, dy = images[level, 0] - x, images[level, 1] - y
@@ -264,34 +243,32 @@ def _clear(
             step = (walls[ahead, 2] - x * walls[ahead, 0] - y * walls[ahead, 1]) / towards
             dx, dy = step * dx, step * dy
         for wall in range(len(walls)):
-            if wall in (behind, ahead):
+            if sides.forward[wall] < 0.0 or _is_side_of(sides, wall, behind) or _is_side_of(sides, wall, ahead):
                 continue
             c, s = walls[wall, 0], walls[wall, 1]
             here = walls[wall, 2] - x * c - y * s
             there = here - dx * c - dy * s
-            if (-near <= here < 0.0 and _beside(walls, wall, behind, 1.0)) or (-near <= there < 0.0 and _beside(
-                    walls, wall, ahead, 1.0)):
+            if (behind >= 0 and -near <= here < 0.0 and sides.corners[wall, behind] > 0) or (
+                    ahead >= 0 and -near <= there < 0.0 and sides.corners[wall, ahead] > 0):
                 continue  # the hit is past the soft end of its own wall
             if (here < 0.0 < there) or (there < 0.0 < here):
                 t = here / (here - there)
                 along = (y + t * dy) * c - (x + t * dx) * s
-                inside = max(inside, min(along - walls[wall, 3], walls[wall, 4] - along) - soft)
+                within = min(along - walls[wall, 3], walls[wall, 4] - along) - soft
+                if sides.passed[wall] > 0.0:
+                    passed *= 1.0 - (1.0 - sides.passed[wall]) * faded(within, soft)
+                else:
+                    inside = max(inside, within)
         x, y, behind = x + dx, y + dy, ahead
     if inside >= soft:
         return 0.0
-    return 1.0 if inside <= -soft else 1.0 - faded(inside, soft)
+    return passed if inside <= -soft else passed * (1.0 - faded(inside, soft))
 
 
 @kernel
-def _beside(walls: NDArray[np.float64], one: int, other: int, side: float) -> bool:
-    """Return whether two walls meet in a corner that points outwards (`side` 1), or inwards (-1), where neither is in
-    front of the other; wall -1 is none.
-    """
-    n = len(walls)
-    if other < 0 or (one - other + 1) % n > 2:
-        return False
-    first, second = (other, one) if (other + 1) % n == one else (one, other)
-    return bool(side * (walls[first, 0] * walls[second, 1] - walls[first, 1] * walls[second, 0]) > 0.0)
+def _is_side_of(sides: Sides, one: int, other: int) -> bool:
+    """Return whether two sides are those of one wall; -1 is none."""
+    return bool(other >= 0 and sides.wall[one] == sides.wall[other])
 
 
 @kernel

@@ -151,6 +151,14 @@ def corners_of(lines: NDArray[np.float64], shortest: float = 0.0) -> tuple[bool,
     They are none where an edge runs backwards or is no longer than `shortest` [m], where neighbouring lines are
     parallel, or where edges cross.
     """
+    return ring_corners(lines, shortest, 1.0)
+
+
+@kernel
+def ring_corners(
+    lines: NDArray[np.float64], shortest: float, around: float
+) -> tuple[bool, NDArray[np.float64]]:
+    """The same of a ring that goes `around` once counter-clockwise (1), as an outline, or clockwise (-1), as a hole."""
     n = len(lines)
     corners = np.empty((n, 2))
     if n < 3:
@@ -162,7 +170,7 @@ def corners_of(lines: NDArray[np.float64], shortest: float = 0.0) -> tuple[bool,
         sine = np.sin(phi - theta)
         if abs(sine) <= _TURN:
             return False, corners
-        convex = convex and sine > 0.0
+        convex = convex and around * sine > 0.0
         corners[i, 0] = (r * np.sin(phi) - q * np.sin(theta)) / sine
         corners[i, 1] = (q * np.cos(theta) - r * np.cos(phi)) / sine
         size = max(size, abs(corners[i, 0]) + abs(corners[i, 1]))
@@ -175,8 +183,21 @@ def corners_of(lines: NDArray[np.float64], shortest: float = 0.0) -> tuple[bool,
             return False, corners
         turn = lines[j, 1] - theta
         turned += turn - 2.0 * np.pi * np.floor(turn / (2.0 * np.pi) + 0.5)
-    once_around = abs(turned - 2.0 * np.pi) < 1e-6  # in all, counter-clockwise
+    once_around = abs(around * turned - 2.0 * np.pi) < 1e-6
     return once_around and (convex or not _crosses_itself(corners)), corners
+
+
+@kernel
+def inside(corners: NDArray[np.float64], x: float, y: float) -> bool:
+    """Return whether a place is inside a simple polygon (n, 2)."""
+    n, odd = len(corners), False
+    for k in range(n):
+        j = k + 1 if k + 1 < n else 0
+        if (corners[k, 1] > y) != (corners[j, 1] > y):
+            share = (y - corners[k, 1]) / (corners[j, 1] - corners[k, 1])
+            if x < corners[k, 0] + share * (corners[j, 0] - corners[k, 0]):
+                odd = not odd
+    return odd
 
 
 @kernel
@@ -204,12 +225,12 @@ def _crosses_itself(corners: NDArray[np.float64]) -> bool:
             for axis in range(2):
                 apart = apart or max(a[axis], b[axis]) < min(c[axis], d[axis]) or (
                     max(c[axis], d[axis]) < min(a[axis], b[axis]))
-            if not apart and _side(a, b, c) * _side(a, b, d) <= 0.0 and _side(c, d, a) * _side(c, d, b) <= 0.0:
+            if not apart and side(a, b, c) * side(a, b, d) <= 0.0 and side(c, d, a) * side(c, d, b) <= 0.0:
                 return True
     return False
 
 
 @kernel
-def _side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> float:
+def side(a: NDArray[np.float64], b: NDArray[np.float64], p: NDArray[np.float64]) -> float:
     """Return twice the area of a, b, p: positive where p is on the left of the way from a to b."""
     return float((b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]))

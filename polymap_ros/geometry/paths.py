@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.image_sources import faded, trace_images
+from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel
 
 CAPACITY = 512
@@ -36,7 +37,8 @@ class Paths(NamedTuple):
     walls : ndarray, shape (capacity, order), int64
         Walls in the order they are hit; -1 beyond `hits`.
     slopes : ndarray, shape (capacity, order, 2)
-        Derivatives of `half` by r and theta of each of these walls.
+        Derivatives of `half` by r and theta of each of these walls; by r it is the cosine of incidence, below 0 at the
+        back of an inner wall.
     moves : ndarray, shape (capacity, 4)
         Derivatives of `half` by x and y of the emitter and of the receiver.
     images : ndarray, shape (capacity, 3)
@@ -104,19 +106,19 @@ def falloff(half: float, exponent: float) -> float:
 
 @kernel
 def trace_paths(
-    walls: NDArray[np.float64], convex: bool, ends: NDArray[np.float64], order: int, range_max: float, soft: float,
-    derive: bool, storey: NDArray[np.float64], paths: Paths,
+    sides: Sides, ends: NDArray[np.float64], order: int, range_max: float, soft: float, derive: bool,
+    storey: NDArray[np.float64], paths: Paths,
 ) -> int:
     """Fill `paths` with those audible from emitter to receiver with `half` up to `range_max`.
 
-    `walls` are those of `walls_of` with their ends moved by `soft`, of an outline that is `convex` or not; `ends` (5,)
-    are x and y of emitter and receiver, and the height between them; `slopes` and `moves` are left out unless to
-    `derive`; `storey` are the images of `Storey`, its first row the emitter. Returns the number of paths.
+    `sides` are soft over `soft`; `ends` (5,) are x and y of emitter and receiver, and the height between them; `slopes`
+    and `moves` are left out unless to `derive`; `storey` are the images of `Storey`, its first row the emitter. Returns
+    the number of paths.
     """
     up, count = 0.25 * ends[4] * ends[4], 0
     farthest = 2.0 * np.sqrt(max(range_max * range_max - up, 0.0))
-    if len(walls) > 0:
-        count = min(trace_images(walls, convex, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False,
+    if len(sides.rows) > 0:
+        count = min(trace_images(sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False,
                                  paths.images, paths.walls), len(paths.images))
     chain = np.empty((order + 1, 2))
     kept = 0
@@ -130,13 +132,15 @@ def trace_paths(
             hits += 1
         for level in range(hits, order):
             paths.walls[kept, level] = -1
-        weight = paths.images[m, 2] * _back_traced(walls, ends, hits, soft, derive, kept, chain, paths)
+        weight = paths.images[m, 2] * _back_traced(sides.rows, sides.forward, ends, hits, soft, derive, kept, chain, paths)
         if weight > 0.0:
             if derive and up > 0.0:
                 paths.slopes[kept, :hits] *= flat / d
                 paths.moves[kept] *= flat / d
             paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
             paths.bounces[kept] = 0
+            for level in range(0 if sides.convex else hits):
+                paths.walls[kept, level] = sides.wall[paths.walls[kept, level]]
             kept += 1
     return kept if len(storey) == 1 else _with_storey(storey, ends, order, range_max, derive, kept, paths)
 
@@ -177,8 +181,8 @@ def _with_storey(
 
 @kernel
 def _back_traced(
-    walls: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float, derive: bool, path: int,
-    chain: NDArray[np.float64], paths: Paths,
+    walls: NDArray[np.float64], forward: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float,
+    derive: bool, path: int, chain: NDArray[np.float64], paths: Paths,
 ) -> float:
     """Return a path's weight; fill, if to `derive`, the derivatives of half its length.
 
@@ -206,7 +210,7 @@ def _back_traced(
         along = by * c - bx * s
         if derive:
             cosine = towards / np.sqrt(dx * dx + dy * dy)
-            paths.slopes[path, level - 1, 0] = cosine
+            paths.slopes[path, level - 1, 0] = forward[wall] * cosine
             paths.slopes[path, level - 1, 1] = -cosine * along
             if level == hits:
                 paths.moves[path, 2], paths.moves[path, 3] = _half_of_unit(-dx, -dy)

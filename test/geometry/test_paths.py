@@ -7,10 +7,11 @@ import pytest
 import shapely
 from references import bounded_area, unfold
 
-from polymap_ros.geometry.image_sources import visible_images, walls_of
+from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import corners_of, half_plane_polygon, is_convex
 from polymap_ros.geometry.paths import CAPACITY, Paths, room_for_paths, trace_paths
+from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.reflectors import Reflectors, heard_images
@@ -28,7 +29,7 @@ def traced(vertices, ends, order, range_max, soft, convex=None, storey=None):
     convex = is_convex(vertices) if convex is None else convex
     paths = room_for_paths(order)
     ends = np.append(ends, np.zeros(5 - len(ends)))
-    count = trace_paths(walls_of(vertices, soft), convex, ends, order, range_max, soft, True, storey, paths)
+    count = trace_paths(outline_sides(vertices, soft, convex), ends, order, range_max, soft, True, storey, paths)
     assert count < CAPACITY
     return Paths(*(column[:count] for column in paths))
 

@@ -4,8 +4,8 @@ import numpy as np
 import pyroomacoustics
 import pytest
 
-from polymap_ros.geometry.image_sources import walls_of
 from polymap_ros.geometry.paths import CAPACITY, room_for_paths, trace_paths
+from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 
 FLOOR_M, CEILING_M = 0.3, 2.1
@@ -54,8 +54,8 @@ def test_paths_are_those_of_pyroomacoustics_in_three_dimensions(apart, up):
     corners = np.array([(0.0, 0.0), (size[0], 0.0), tuple(size[:2]), (0.0, size[1])])
     paths = room_for_paths(order)
     images = Storey(np.array([FLOOR_M, CEILING_M]), np.ones(2)).images(order, level=False)
-    count = trace_paths(walls_of(corners, 1e-9), True, np.array([*emitter[:2], *receiver[:2], up]), order, 100.0, 1e-9,
-                        False, images, paths)
+    count = trace_paths(outline_sides(corners, 1e-9, True), np.array([*emitter[:2], *receiver[:2], up]), order, 100.0,
+                        1e-9, False, images, paths)
     assert count < CAPACITY
     # Of the two ways through a corner of the rectangle each counts as a half where they are one.
     whole = np.repeat(2.0 * paths.half[:count], np.rint(2.0 * paths.weight[:count]).astype(int))
@@ -71,7 +71,7 @@ def test_derivatives_are_differences(up):
 
     def traced(ends):
         paths = room_for_paths(order)
-        count = trace_paths(walls_of(corners, 1e-3), True, ends, order, 50.0, 1e-3, True, images, paths)
+        count = trace_paths(outline_sides(corners, 1e-3, True), ends, order, 50.0, 1e-3, True, images, paths)
         keys = [(*paths.walls[m].tolist(), round(float(paths.weight[m]), 3)) for m in range(count)]
         return {(key, keys[:m].count(key)): (paths.half[m], paths.moves[m].copy()) for m, key in enumerate(keys)}
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
@@ -117,7 +117,7 @@ class PowerLikelihood:
         explained = np.zeros_like(self.data.power)
         if len(storey):
             scores, information = np.empty((len(explained), 0)), np.empty((len(explained), 0, 0))
-            power_likelihood(np.empty((0, 2)), FULL_ORDER, self._heard, np.empty(0), self._images(storey, FULL_ORDER),
+            power_likelihood(outline_sides(np.empty((0, 2)), 0.0, True), FULL_ORDER, self._heard, np.empty(0), self._images(storey, FULL_ORDER),
                              strength, np.zeros(explained.shape[1]), False, explained, scores, information)
         background = self._smooth(self.data.mean_power - 1.0 - strength * np.mean(explained, axis=0))
         return Power(none, strength, background, self.quiet(background), explained, storey=storey)
@@ -127,14 +127,14 @@ class PowerLikelihood:
 
     def evaluate(self, walls: Walls, like: Power, order: int, derive: bool = False) -> Power | None:
         """Return F at the strength and background of another; None where the walls are no outline."""
-        outline, corners = corners_of(walls.lines, self.data.shortest_m)
-        if not outline:
+        bound, sides = walls.sides(self.data.soft_m, self.data.shortest_m)
+        if not bound:
             return None
         pings, size = len(self.data.power), 3 * len(walls) if derive else 0
         explained = np.empty_like(self.data.power)
         scores, information = np.zeros((pings, size)), np.zeros((pings, size, size))
         value = self.quiet(like.background) + walls.log_prior() + float(power_likelihood(
-            corners, order, self._heard, walls.reflection**2, self._images(like.storey, order), like.strength,
+            sides, order, self._heard, walls.reflection**2, self._images(like.storey, order), like.strength,
             like.background, derive, explained, scores, information))
         slopes = Slopes(scores, information, np.empty((pings, size, 0)), np.empty((pings, 0, 0))) if derive else None
         return Power(walls, like.strength, like.background, value, explained, slopes, like.storey)

@@ -5,9 +5,8 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.image_sources import walls_of
-from polymap_ros.geometry.outline import is_convex
 from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
+from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel
 
 Cells = TypeVar('Cells', float, NDArray[np.float64])
@@ -51,16 +50,16 @@ def by_power(heard: float, expected: float) -> tuple[float, float]:
 
 @kernel
 def power_likelihood(
-    corners: NDArray[np.float64], order: int, heard: HeardPower, reflected: NDArray[np.float64],
+    sides: Sides, order: int, heard: HeardPower, reflected: NDArray[np.float64],
     storey: NDArray[np.float64], strength: float, background: NDArray[np.float64], derive: bool,
     explained: NDArray[np.float64], scores: NDArray[np.float64], information: NDArray[np.float64],
 ) -> float:
     """F of the cells in which echoes are predicted, less what it is there without them."""
-    paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
+    paths = room_for_paths(order)
     a, quiet = np.empty(len(paths.half)), 1.0 + background
     total = 0.0
     for i in range(len(heard.power)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, derive, storey, paths)
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, derive, storey, paths)
         _fill_amplitudes(paths, count, heard.gain[i], heard, reflected, a)
         row = explained[i]
         row[:] = 0.0

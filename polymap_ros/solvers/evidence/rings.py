@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.outline import corners_of, inside
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.proposals import foot_evidence
@@ -135,19 +135,6 @@ def _of_ping(
             total += value - heard[same, 1]
             heard[same, 1] = value
     return total if explained else total - UNEXPLAINED
-
-
-@kernel
-def inside(corners: NDArray[np.float64], x: float, y: float) -> bool:
-    """Return whether a place is inside a simple polygon (n, 2)."""
-    n, odd = len(corners), False
-    for k in range(n):
-        j = k + 1 if k + 1 < n else 0
-        if (corners[k, 1] > y) != (corners[j, 1] > y):
-            share = (y - corners[k, 1]) / (corners[j, 1] - corners[k, 1])
-            if x < corners[k, 0] + share * (corners[j, 0] - corners[k, 0]):
-                odd = not odd
-    return odd
 
 
 @kernel

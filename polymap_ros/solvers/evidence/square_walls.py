@@ -88,7 +88,7 @@ class SquareWalls(Walls):
 
 def free(walls: Walls) -> Walls:
     """Return the same walls, each by itself."""
-    return Walls(walls.lines, walls.reflection, walls.delay) if isinstance(walls, SquareWalls) else walls
+    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior) if isinstance(walls, SquareWalls) else walls
 
 
 def squared(walls: Walls) -> SquareWalls | None:
@@ -120,4 +120,4 @@ def squared(walls: Walls) -> SquareWalls | None:
     moved = group != np.arange(len(lines))
     moved |= np.isin(np.arange(len(lines)), group[moved])
     lines[moved, 0] = np.einsum('ij,ij->i', middles, turned)[moved]
-    return SquareWalls(np.ascontiguousarray(lines), walls.reflection, walls.delay, numbers)
+    return SquareWalls(np.ascontiguousarray(lines), walls.reflection, walls.delay, group=numbers)

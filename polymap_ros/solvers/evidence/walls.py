@@ -1,6 +1,7 @@
 """The walls as unknowns: three numbers each, r [m], theta [rad] and ln |rho|, as one block of a parameter vector.
 
-A vector holds r of all walls, then theta, then ln |rho|. The likelihoods fill its columns in that order.
+A vector holds r of all walls, then theta, then ln |rho|. The likelihoods fill its columns in that order. The outline's
+walls come first, then those of holes and those that stand inside (`geometry.sides`).
 """
 
 from dataclasses import dataclass, field, replace
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.sides import NOTHING, Interior, Sides, sides_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
 
 LOSS_DEVIATION = 0.35
@@ -38,11 +40,14 @@ class Walls:
         outline and is not heard.
     delay : ndarray, shape (n,)
         How much more each of them delays the phase than all do [rad] (`edge_phase`); empty where none does.
+    interior : Interior
+        Which of the last lines are of holes, and of inner walls.
     """
 
     lines: NDArray[np.float64]
     reflection: NDArray[np.float64]
     delay: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    interior: Interior = NOTHING
 
     @classmethod
     def convex(
@@ -65,14 +70,28 @@ class Walls:
         return len(self.lines)
 
     @property
+    def ring(self) -> int:
+        """The number of walls of the outline."""
+        return len(self.lines) - int(self.interior.holes.sum()) - len(self.interior.spans)
+
+    @property
+    def outline(self) -> NDArray[np.float64]:
+        """The lines of the outline."""
+        return self.lines[:self.ring]
+
+    @property
     def turns(self) -> NDArray[np.float64]:
         """By how much the outline turns left at the corner before each wall (n,) [rad]; beyond pi it points inwards."""
-        return np.asarray(np.mod(self.lines[:, 1] - np.roll(self.lines[:, 1], 1), 2.0 * np.pi))
+        return np.asarray(np.mod(self.outline[:, 1] - np.roll(self.outline[:, 1], 1), 2.0 * np.pi))
 
     @property
     def convex_outline(self) -> bool:
-        """Whether the lines, in their order, bound a convex outline."""
-        return bool(np.all(self.turns < np.pi))
+        """Whether the lines, in their order, bound a convex outline, with nothing inside."""
+        return self.ring == len(self) and bool(np.all(self.turns < np.pi))
+
+    def sides(self, soft_m: float, shortest_m: float) -> tuple[bool, Sides]:
+        """Return the sides that reflect, and whether the walls are an outline with what is in it (`sides_of`)."""
+        return sides_of(self.lines, self.interior, soft_m, shortest_m)
 
     @property
     def loss(self) -> NDArray[np.float64]:
@@ -88,7 +107,35 @@ class Walls:
         """Return the walls without one of them."""
         lines = np.ascontiguousarray(np.delete(self.lines, wall, 0))
         return replace(self, lines=lines, reflection=np.delete(self.reflection, wall),
-                       delay=np.delete(self.delay, wall) if len(self.delay) else self.delay)
+                       delay=np.delete(self.delay, wall) if len(self.delay) else self.delay,
+                       interior=self._interior_without(wall))
+
+    def _interior_without(self, wall: int) -> Interior:
+        holes, spans = self.interior
+        after = wall - self.ring
+        if after < 0:
+            return self.interior
+        hole = int(np.searchsorted(np.cumsum(holes), after, side='right'))
+        if hole < len(holes):
+            return Interior(holes - (np.arange(len(holes)) == hole), spans)
+        return Interior(holes, np.ascontiguousarray(np.delete(spans, after - int(holes.sum()), 0)))
+
+    def with_inner(self, line: NDArray[np.float64], span: NDArray[np.float64], reflection: float) -> Self:
+        """Return the walls and one that stands inside, from where to where along its line, and what it lets through."""
+        spans = np.vstack((self.interior.spans, span))
+        return replace(self._longer(line[None], reflection, len(self)), interior=Interior(self.interior.holes, spans))
+
+    def with_hole(self, lines: NDArray[np.float64]) -> Self:
+        """Return the walls and those of one hole more, clockwise, that reflect all."""
+        holes, spans = self.interior
+        longer = self._longer(lines, 1.0, len(self) - len(spans))
+        return replace(longer, interior=Interior(np.append(holes, len(lines)), spans))
+
+    def _longer(self, lines: NDArray[np.float64], reflection: float, at: int) -> Self:
+        """Return the walls and others before wall `at`."""
+        return replace(self, lines=np.ascontiguousarray(np.insert(self.lines, at, lines, 0)),
+                       reflection=np.insert(self.reflection, at, np.full(len(lines), reflection)),
+                       delay=np.insert(self.delay, at, np.zeros(len(lines))) if len(self.delay) else self.delay)
 
     def silenced(self, wall: int) -> Self:
         """Return the walls with one of them silent."""
@@ -103,9 +150,7 @@ class Walls:
 
     def inserted(self, at: int, line: NDArray[np.float64], reflection: float) -> Self:
         """Return the walls and one more, between wall `at` - 1 and wall `at`."""
-        return replace(self, lines=np.ascontiguousarray(np.insert(self.lines, at, line, 0)),
-                       reflection=np.insert(self.reflection, at, reflection),
-                       delay=np.insert(self.delay, at, 0.0) if len(self.delay) else self.delay)
+        return self._longer(line[None], reflection, at)
 
     def shifted(self, wall: int, by_m: float, turned: bool = False) -> Self:
         """Return the walls with one of them farther out, the sign of its coefficient turned if asked for."""

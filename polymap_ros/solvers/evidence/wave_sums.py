@@ -5,9 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.image_sources import walls_of
-from polymap_ros.geometry.outline import is_convex
 from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
+from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.edge_phase import COMMON
 
@@ -97,7 +96,7 @@ def _delay(paths: Paths, m: int, table: NDArray[np.float64], own: NDArray[np.flo
     total = 0.0
     if len(table) > 0:
         for level in range(paths.hits[m]):
-            place = min(paths.slopes[m, level, 0], 1.0) * (len(table) - 1)
+            place = min(abs(paths.slopes[m, level, 0]), 1.0) * (len(table) - 1)
             low = min(int(place), len(table) - 2)
             total += table[low] + (place - low) * (table[low + 1] - table[low])
             if len(own) > 0:
@@ -121,7 +120,7 @@ def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
 
 @kernel
 def add_up(
-    corners: NDArray[np.float64], strengths: NDArray[np.float64], heard: Echoes, reflection: NDArray[np.float64],
+    sides: Sides, strengths: NDArray[np.float64], heard: Echoes, reflection: NDArray[np.float64],
     table: NDArray[np.float64], own: NDArray[np.float64], storey: NDArray[np.float64], derive: bool, sums: Sums
 ) -> None:
     """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|.
@@ -131,13 +130,12 @@ def add_up(
     `storey` as in `trace_paths`.
     """
     slant, columns, order = derive or len(table) > 0, sums.edge_x.shape[1], len(strengths)
-    paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
-    n = len(corners)
+    paths, n = room_for_paths(order), len(reflection)
     size = len(paths.half)
     room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
                  np.empty((size, 4 * n)), np.empty((size, columns)))
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
         for m in range(count):
             far = paths.half[m] >= 2.0 * heard.step
             room.b[m] = _amplitude(paths, m, heard.spreading, reflection, strengths) if far else 0.0
@@ -297,7 +295,7 @@ def _add_information(
 
 @kernel
 def predict(
-    corners: NDArray[np.float64], strengths: NDArray[np.float64], heard: Echoes, cell: float,
+    sides: Sides, strengths: NDArray[np.float64], heard: Echoes, cell: float,
     reflection: NDArray[np.float64], table: NDArray[np.float64], own: NDArray[np.float64],
     storey: NDArray[np.float64], amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
 ) -> None:
@@ -307,12 +305,12 @@ def predict(
     those of all that are left.
     """
     order = len(strengths)
-    paths, sides, convex = room_for_paths(order), walls_of(corners, heard.soft), is_convex(corners)
+    paths = room_for_paths(order)
     half = paths.half
     reach = (len(heard.baseband) - 5) * heard.step
     on = _turn(2.0 * heard.carrier * cell)
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, convex, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, storey,
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, storey,
                             paths)
         for m in range(count):
             b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection, strengths)

@@ -22,8 +22,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import first_orders
+from polymap_ros.geometry.sides import Sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
@@ -137,22 +137,22 @@ class WaveformLikelihood:
 
     def evaluate(self, walls: Walls, like: Wave, order: int, derive: bool = False) -> Wave | None:
         """Return L at the phases that fit the walls best, near those of another; None without an outline."""
-        outline, corners = corners_of(walls.lines, self.data.shortest_m)
-        if not outline:
+        bound, sides = self._sides(walls)
+        if not bound:
             return None
         if like.edge.by_wall and not len(walls.delay):
             walls = replace(walls, delay=np.zeros(len(walls)))
-        here = self._at(corners, walls, like, order, derive or like.edge.free)
+        here = self._at(sides, walls, like, order, derive or like.edge.free)
         if not like.edge.free:
             return here
         assert here.slopes is not None, 'derivatives were asked for'
         edge, walls = _mended(here.edge, walls, here.slopes)
-        better = self._at(corners, walls, replace(here, edge=edge), order, derive)
+        better = self._at(sides, walls, replace(here, edge=edge), order, derive)
         return better if better.value > here.value else here
 
-    def _at(self, corners: NDArray[np.float64], walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
+    def _at(self, sides: Sides, walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
         """Return L at the device's phase that fits best, near that of another, and its `edge`."""
-        sums = self._sums(corners, like, order, walls, derive)
+        sums = self._sums(sides, like, order, walls, derive)
         v, phase = np.maximum(sums.v, 1e-300), like.phase
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
@@ -165,9 +165,9 @@ class WaveformLikelihood:
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
         """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
-        _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
+        _, sides = self._sides(wave.walls)
         walls = replace(wave.walls, delay=np.zeros(len(wave.walls))) if edge.by_wall else wave.walls
-        slopes = self._at(corners, walls, replace(wave, edge=edge), order, True).slopes
+        slopes = self._at(sides, walls, replace(wave, edge=edge), order, True).slopes
         assert slopes is not None, 'derivatives were asked for'
         gradient, about = _about_edge(edge, walls, slopes)
         across, information = walls.by_phase(slopes), walls.information(slopes)
@@ -177,17 +177,17 @@ class WaveformLikelihood:
 
     def shares(self, wave: Wave, order: int) -> NDArray[np.float64]:
         """Return each ping's share (N,) of L at the phase of a waveform, its amplitude at its best."""
-        outline, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        if not outline:
+        bound, sides = self._sides(wave.walls)
+        if not bound:
             return np.zeros(len(self.data.positions))
-        sums = self._sums(corners, wave, order, wave.walls, False)
+        sums = self._sums(sides, wave, order, wave.walls, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
         return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
 
     def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
         """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
-        _, corners = corners_of(wave.walls.lines, self.data.shortest_m)
-        sums = self._sums(corners, wave, order, wave.walls, True)
+        _, sides = self._sides(wave.walls)
+        sums = self._sums(sides, wave, order, wave.walls, True)
         v = np.maximum(sums.v, 1e-300)
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
         return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
@@ -196,14 +196,17 @@ class WaveformLikelihood:
         """Return the nearest maximum of L over the walls; None where they are no outline."""
         return climb(self, self.evaluate(start.walls, start, order, derive=True), order, iterations)
 
-    def _sums(self, corners: NDArray[np.float64], like: Wave, order: int, walls: Walls, derive: bool) -> Sums:
-        pings, size = len(self.data.positions), 3 * len(corners) if derive else 0
+    def _sides(self, walls: Walls) -> tuple[bool, Sides]:
+        return walls.sides(self.data.soft_m, self.data.shortest_m)
+
+    def _sums(self, sides: Sides, like: Wave, order: int, walls: Walls, derive: bool) -> Sums:
+        pings, size = len(self.data.positions), 3 * len(walls) if derive else 0
         more = len(like.edge.sought(walls.delay)) if derive else 0
         sums = Sums(np.zeros(pings, complex), np.zeros(pings), np.zeros((pings, size), complex),
                     np.zeros((pings, size)), np.zeros((pings, size, size)), np.zeros((pings, more), complex),
                     np.zeros((pings, more)), np.zeros((pings, more)), np.zeros((pings, more, more)),
                     np.zeros((pings, size, more)))
-        add_up(corners, like.strengths[:order], self._heard, walls.reflection, like.edge.table,
+        add_up(sides, like.strengths[:order], self._heard, walls.reflection, like.edge.table,
                like.edge.own(walls.delay), like.storey.images(order, self.data.level), derive, sums)
         return sums
 
@@ -243,9 +246,9 @@ class WaveformLikelihood:
 
     def _predicted(self, wave: Wave, strengths: NDArray[np.float64], layers: int) -> NDArray[np.complex128]:
         """The same as the walls predict it, order by order up to the last of the layers."""
-        _, corners = corners_of(wave.walls.lines)
+        _, sides = self._sides(wave.walls)
         predicted = np.zeros((layers, *self.data.power.shape), complex)
-        predict(corners, strengths, self._heard, self.data.cell_m, wave.walls.reflection, wave.edge.table,
+        predict(sides, strengths, self._heard, self.data.cell_m, wave.walls.reflection, wave.edge.table,
                 wave.edge.own(wave.walls.delay), wave.storey.images(len(strengths), self.data.level),
                 wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return predicted

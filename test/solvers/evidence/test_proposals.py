@@ -11,10 +11,10 @@ from references import inside
 
 from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
-from polymap_ros.geometry.image_sources import walls_of
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import corners_of, half_plane_polygon
 from polymap_ros.geometry.paths import first_order, room_for_paths, trace_paths
+from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.waveforms import Synthesis
 from polymap_ros.solvers.evidence.proposals import (
@@ -283,13 +283,13 @@ def test_first_echoes_of_emitter_and_receiver_apart_are_those_of_the_traced_path
     """A line's evidence is gathered where its paths of one reflection are, by length and by the place of reflection."""
     positions, generator = inside(pentagon, 12), np.random.default_rng(5)
     baselines = np.column_stack((generator.uniform(-0.1, 0.1, (12, 2)), np.full(12, 0.07)))
-    walls = walls_of(pentagon, 0.0)
+    sides = outline_sides(pentagon, 0.0, True)
     paths, compared = room_for_paths(1), 0
     for position, baseline in zip(positions, baselines, strict=True):
         ends = np.concatenate((position - 0.5 * baseline[:2], position + 0.5 * baseline[:2], baseline[2:]))
         heard = {int(paths.walls[m, 0]): paths.half[m]
-                 for m in range(trace_paths(walls, True, ends, 1, 9.0, 0.0, False, Storey().images(1), paths))}
-        for wall, (c, s, r, start, end) in enumerate(walls[:, :5]):
+                 for m in range(trace_paths(sides, ends, 1, 9.0, 0.0, False, Storey().images(1), paths))}
+        for wall, (c, s, r, start, end) in enumerate(sides.rows[:, :5]):
             half, along = first_order(r, c, s, *position, *baseline)
             assert (start <= along <= end) == (wall in heard)
             if wall in heard:
