@@ -136,6 +136,32 @@ def _mirror_lever(theta: float, image: float, middle: NDArray[np.float64]) -> fl
 
 
 @dataclass(frozen=True, eq=False)
+class InnerWall:
+    """A wall that stands inside and lets some of the wave through, such as a stiffener or a weld seam.
+
+    Parameters
+    ----------
+    start, end : ndarray, shape (2,)
+        Where it is heard to start and to end, or meets the outline [m]; known far less well than the line between.
+    edge : Edge
+        Its line, with deviations and likelihood.
+    reflection, transmission : float
+        What it reflects of the amplitude, signed where there is phase, and what crosses it.
+    """
+
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+    edge: Edge
+    reflection: float
+    transmission: float
+
+    def moved(self, frame: Pose) -> 'InnerWall':
+        """The same wall, seen from the frame in which `frame` is its own origin."""
+        start, end = frame.apply(np.array((self.start, self.end)))
+        return dataclasses.replace(self, start=start, end=end, edge=self.edge.moved(frame))
+
+
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """Where the robot's base was at the pings whose echoes are kept, estimated with the walls.
 
@@ -208,6 +234,10 @@ class Estimate:
     storey : Storey
         A room's floor and ceiling, where they were heard: the nearer one, which echoes do not tell from the other, is
         taken for the floor.
+    holes : tuple of Candidate
+        Holes in `polygon`, clockwise: the normals of their edges point into them.
+    inner_walls : tuple of InnerWall
+        Walls that stand inside `polygon`.
     """
 
     status: str
@@ -221,10 +251,13 @@ class Estimate:
     cautions: tuple[Caution, ...] = ()
     trajectory: Trajectory | None = None
     storey: Storey = field(default_factory=Storey)
+    holes: tuple[Candidate, ...] = ()
+    inner_walls: tuple[InnerWall, ...] = ()
 
     def __repr__(self) -> str:
         parts = [f'polygon={self.polygon!r}', *(f'{len(found)} {name}' for name, found in (
-            ('walls', self.walls), ('alternatives', self.alternatives)) if found)]
+            ('walls', self.walls), ('alternatives', self.alternatives), ('holes', self.holes),
+            ('inner walls', self.inner_walls)) if found)]
         codes = ', '.join(dict.fromkeys(each.code for each in self.cautions))
         return f'Estimate({self.status} by {self.method}, {", ".join(parts)}, cautions: {codes or "none"})'
 
@@ -236,4 +269,6 @@ class Estimate:
             walls=tuple(edge.moved(frame) for edge in self.walls),
             alternatives=tuple(candidate.moved(frame) for candidate in self.alternatives),
             trajectory=self.trajectory.moved(frame) if self.trajectory else None,
+            holes=tuple(hole.moved(frame) for hole in self.holes),
+            inner_walls=tuple(wall.moved(frame) for wall in self.inner_walls),
         )

@@ -1,0 +1,211 @@
+"""A wall that stands inside, such as a stiffener or a weld seam: what the waveform leaves, added up in phase.
+
+Pings hear it from both sides, over a part of its line, and through it they hear the walls behind. With the device's
+phase and the pings' amplitudes known, a foot at range d is worth rho x - rho^2 y / 2 to a wall that reflects rho, with
+x = A d^-p Re[exp(-j phi) c(d)] over what is left and y = (A d^-p)^2: a wall is where a run of feet is worth most. Its
+ends, and what it lets through, are tried one by one.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.sides import Interior
+from polymap_ros.jit import kernel
+from polymap_ros.solvers.evidence.ground import Ground, least_gain
+from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, SEARCH_ORDER
+from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
+
+_SUPPOSED = 0.3
+"""Coefficient with which runs are looked for: of what a wall of 0.2 to 0.6 brings it finds three quarters and more."""
+
+_PER_CYCLE = 5.0
+"""Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most."""
+
+_FEET = 5
+"""Feet that an inner wall has at least."""
+
+_LISTED, _REFINED = 6, 2
+"""Lines that are tried, the best that are a pulse's width apart, and how many of them are refined."""
+
+_STEPS_M, _SHARES = (0.4, 0.1, 0.03, 0.01), (0.1, 0.03, 0.01)
+"""Steps by which an end is moved, and what is let through."""
+
+
+class _Runs(NamedTuple):
+    """Of every line that is tried, its best run: what it is worth, its sums of x and y, and its first and last foot."""
+
+    worth: NDArray[np.float64]
+    x: NDArray[np.float64]
+    y: NDArray[np.float64]
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+
+
+def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with the inner wall that brings most of what is left, if that is enough to be sure."""
+    wave = standing.wave
+    if len(wave.walls) >= ground.max_edges + len(wave.walls) - wave.walls.ring and len(wave.walls.interior.spans) > 2:
+        return None
+    trials = []
+    for line, span, reflection in _inner_lines(ground, wave):
+        ground.checkpoint()
+        passed = np.sqrt(1.0 - reflection**2)
+        walls = wave.walls.with_inner(line, np.array((*span, passed)), reflection)
+        trial = ground.wave.evaluate(walls, replace(wave, slopes=None), FULL_ORDER)
+        if trial is not None:
+            trials.append(trial)
+    for trial in sorted(trials, key=lambda each: -each.value)[:_REFINED]:
+        ground.checkpoint()
+        found = tuned(ground, trial)
+        if found is not None and found.value > wave.value + least_gain(wave.value):
+            return found
+    return None
+
+
+def tune_inner_walls(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with ends of inner walls elsewhere, and other shares let through, that are worth more."""
+    better = tuned(ground, standing.wave)
+    return better if better is not None and better.value > standing.wave.value + DIFFERENT else None
+
+
+def tuned(ground: Ground, wave: Wave) -> Wave | None:
+    """Return the waveform at the best ends of its inner walls and what they let through, all walls following."""
+    best = ground.wave.refine(wave.with_slopes(None), SEARCH_ORDER, 3)
+    for likelihood, steps in ((ground.few_wave, _STEPS_M), (ground.wave, _STEPS_M[-2:])):
+        if best is None:
+            return None
+        spans = best.walls.interior.spans
+        for number in range(len(spans)):
+            spans = _with_better(ground, likelihood, best, spans, number, steps)
+        walls = replace(best.walls, interior=Interior(best.walls.interior.holes, spans))
+        best = ground.wave.refine(best.with_walls(walls), SEARCH_ORDER, 3)
+    return best and ground.wave.refine(best.with_slopes(None), FULL_ORDER)
+
+
+def _with_better(
+    ground: Ground, likelihood: WaveformLikelihood, wave: Wave, spans: NDArray[np.float64], number: int,
+    steps: tuple[float, ...],
+) -> NDArray[np.float64]:
+    """Return the spans with a wall's ends moved to and fro by steps, and what it lets through by shares, as long as
+    that is worth more.
+    """
+    def value(trial: NDArray[np.float64]) -> float:
+        ground.checkpoint()
+        walls = replace(wave.walls, interior=Interior(wave.walls.interior.holes, trial))
+        found = likelihood.evaluate(walls, wave, SEARCH_ORDER)
+        return -np.inf if found is None else found.value
+
+    best = value(spans)
+    for column, by in (*((end, step) for step in steps for end in (0, 1)), *((2, share) for share in _SHARES)):
+        for step in (by, -by):
+            while True:
+                trial = spans.copy()
+                trial[number, column] += step
+                more = value(trial) if trial[number, 2] <= 1.0 else -np.inf
+                if more <= best + DIFFERENT:
+                    break
+                spans, best = trial, more
+    return spans
+
+
+def _inner_lines(
+    ground: Ground, wave: Wave
+) -> list[tuple[NDArray[np.float64], tuple[float, float], float]]:
+    """Return lines inside the outline, where each starts and ends, and its coefficient: those first whose run of feet
+    is worth most of what a waveform leaves.
+    """
+    data, cycle = ground.data, ground.cycle_m
+    _, corners = corners_of(wave.walls.outline)
+    theta = np.arange(0.0, np.pi, 2.0 * cycle / (_PER_CYCLE * data.extent_m))
+    away = float(np.abs(corners).sum(axis=1).max())
+    r = np.arange(-away, away, cycle / _PER_CYCLE)
+    along = np.outer(np.cos(theta), data.positions[:, 1]) - np.outer(np.sin(theta), data.positions[:, 0])
+    order = np.argsort(along, axis=1, kind='stable')
+    shape = 2, len(theta), len(r)
+    runs = _Runs(*(np.zeros(shape) for _ in _Runs._fields))
+    _add_runs(*_by_range(ground, wave), cycle / 16.0, wave.amplitudes**2, data.positions, corners, theta, r, order,
+              data.first_cell * data.cell_m, data.pulse.width_m, _SUPPOSED, runs)
+    found: list[tuple[NDArray[np.float64], tuple[float, float], float]] = []
+    for place in np.argsort(-runs.worth, axis=None, kind='stable')[:_LISTED * 200]:
+        sign, row, column = np.unravel_index(place, shape)
+        line = np.array((r[column], theta[row]))
+        if runs.worth[sign, row, column] <= 0.0 or len(found) == _LISTED:
+            break
+        if not ground.one_of(line, [known for known, _, _ in found]):
+            coefficient = float(np.clip(runs.x[sign, row, column] / runs.y[sign, row, column], -0.95, 0.95))
+            found.append((line, (runs.start[sign, row, column], runs.end[sign, row, column]), coefficient))
+    return found
+
+
+def _by_range(ground: Ground, wave: Wave) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return x (N, m) of what a waveform leaves, and y (m,) at amplitude 1, at every sixteenth of a cycle of range."""
+    data = ground.data
+    left = ground.wave.left_without_carrier(wave)
+    ranges = np.arange(0.0, data.range_max_m, ground.cycle_m / 16.0)
+    cells = data.cell_m * np.arange(left.shape[1])
+    falloff = np.maximum(ranges, ground.cycle_m) ** -data.spreading
+    turn = np.exp(1j * (2.0 * data.pulse.carrier * ranges - wave.phase))
+    x = np.empty((len(left), len(ranges)), np.float32)
+    for ping, row in enumerate(left):
+        envelope = np.interp(ranges, cells, row.real) + 1j * np.interp(ranges, cells, row.imag)
+        x[ping] = wave.amplitudes[ping] * falloff * np.real(turn * envelope)
+    return x, falloff**2
+
+
+@kernel
+def _add_runs(
+    x: NDArray[np.float32], y: NDArray[np.float64], step: float, gain: NDArray[np.float64],
+    positions: NDArray[np.float64], corners: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
+    order: NDArray[np.int64], first: float, margin: float, supposed: float, runs: _Runs,
+) -> None:
+    """Fill the best runs by feet inside the outline, a margin away from it, of a positive and a negative coefficient."""
+    n, last = len(positions), x.shape[1] - 1
+    low, high = np.empty(n), np.empty(n)
+    sums = np.empty((2, 4))
+    for t in range(len(theta)):
+        c, s = np.cos(theta[t]), np.sin(theta[t])
+        for i in range(n):
+            low[i], high[i] = _crossed(corners, c, s, positions[i, 1] * c - positions[i, 0] * s)
+        for q in range(len(r)):
+            sums[:] = 0.0
+            for k in range(n):
+                i = order[t, k]
+                if r[q] < low[i] + margin or r[q] > high[i] - margin:
+                    continue
+                away = abs(r[q] - positions[i, 0] * c - positions[i, 1] * s)
+                at = int(away / step + 0.5)
+                if away < first or at > last:
+                    continue
+                along = positions[i, 1] * c - positions[i, 0] * s
+                for sign in range(2):
+                    # What the run so far is worth, its x and y, and where it began.
+                    run, value = sums[sign], x[i, at] if sign == 0 else -x[i, at]
+                    weight = gain[i] * y[at]
+                    if run[0] <= 0.0:
+                        run[0], run[1], run[2], run[3] = 0.0, 0.0, 0.0, along
+                    run[0] += supposed * value - 0.5 * supposed * supposed * weight
+                    run[1] += x[i, at]
+                    run[2] += weight
+                    if run[0] > runs.worth[sign, t, q]:
+                        runs.worth[sign, t, q], runs.x[sign, t, q], runs.y[sign, t, q] = run[0], run[1], run[2]
+                        runs.start[sign, t, q], runs.end[sign, t, q] = run[3], along
+
+
+@kernel
+def _crossed(corners: NDArray[np.float64], c: float, s: float, along: float) -> tuple[float, float]:
+    """Return from where to where the line perpendicular to (-s, c), at a place along it, is inside an outline."""
+    low, high = np.inf, -np.inf
+    for k in range(len(corners)):
+        a = corners[k - 1, 1] * c - corners[k - 1, 0] * s - along
+        b = corners[k, 1] * c - corners[k, 0] * s - along
+        if (a < 0.0) != (b < 0.0):
+            share = a / (a - b)
+            x = corners[k - 1, 0] + share * (corners[k, 0] - corners[k - 1, 0])
+            y = corners[k - 1, 1] + share * (corners[k, 1] - corners[k - 1, 1])
+            low, high = min(low, x * c + y * s), max(high, x * c + y * s)
+    return low, high
