@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from polymap_ros.cautions import Caution
 from polymap_ros.geometry.lines import feet_on_edges, mirrored_lines, wrapped
-from polymap_ros.geometry.outline import corners_of, half_plane_polygon
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.geometry.outline import corners_of, half_plane_polygon, ring_corners
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 from polymap_ros.solvers.evidence import wording
 from polymap_ros.solvers.evidence.certainty import Certainty, certainty_of
+from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.dead_reckoning import as_dead_reckoned
 from polymap_ros.solvers.evidence.first_walls import first_walls
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -99,7 +100,7 @@ class Findings:
         gap = self._gap(certainty, found)
         if self.straight and (gap or min(certainty.likelihood) < CERTAIN):
             return self.open()
-        candidate = _polygon(found, certainty, self.search.data.positions)
+        candidate = _ring(found.lines, 0, certainty, self.search.data.positions)
         cautions = (*self.straight, *self._cautions(found, candidate))
         answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions,
                           storey=found.storey)
@@ -110,11 +111,13 @@ class Findings:
             return dataclasses.replace(answer, cautions=(gap, *cautions),
                                        walls=self._proven(found, candidate, certainty))
         if other is not None:
-            second = _polygon(other, certainty_of(self.search, other), self.search.data.positions)
+            second = _ring(other.lines, 0, certainty_of(self.search, other), self.search.data.positions)
             return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, second),
                                        cautions=(wording.as_likely_mirrored(), *cautions))
         return dataclasses.replace(answer, status='closed', polygon=candidate,
-                                   iou_free_area=self.snapshot.region.iou(candidate.vertices))
+                                   iou_free_area=self.snapshot.region.iou(candidate.vertices),
+                                   holes=_holes(found, certainty, self.search.data.positions),
+                                   inner_walls=_inner_walls(found, certainty, self.search.data))
 
     def _cautions(self, found: Found, candidate: Candidate) -> list[Caution]:
         cautions = []
@@ -150,7 +153,7 @@ class Findings:
         """The walls that are certain of a polygon that is not closed."""
         if leaves_much(self.search, found):  # a wall that is not there may be part of it
             return self._proven_by_first_echoes()
-        return tuple(edge for edge, silent in zip(candidate.edges, certainty.silent, strict=True)
+        return tuple(edge for edge, silent in zip(candidate.edges, certainty.silent[:len(candidate.edges)], strict=True)
                      if edge.likelihood >= CERTAIN and not silent)
 
     def _proven_by_first_echoes(self) -> tuple[Edge, ...]:
@@ -183,14 +186,43 @@ def _has_two_sides(wall: Edge, middle: NDArray[np.float64], along: NDArray[np.fl
     return float(abs(wrapped(theta - wall.theta))) > 2.0 * (wall.theta_std or 0.0)
 
 
-def _polygon(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> Candidate:
-    """The polygon found, with what is known of every edge."""
-    lines = found.lines
-    _, corners = corners_of(lines)
-    pings = feet_on_edges(corners, positions)
-    deviations = np.sqrt(np.diag(certainty.covariance)).reshape(-1, 2)
-    edges = tuple(
-        Edge(float(r), float(theta), float(certainty.likelihood[k]), float(deviations[k, 0]), float(deviations[k, 1]),
-             int(pings[k]), float(certainty.covariance[2 * k, 2 * k + 1]))
-        for k, (r, theta) in enumerate(lines))
-    return Candidate(corners, edges, certainty.covariance)
+def _ring(
+    lines: NDArray[np.float64], first: int, certainty: Certainty, positions: NDArray[np.float64], around: float = 1.0
+) -> Candidate:
+    """The outline or a hole, whose walls are those from the first on, with what is known of every edge."""
+    _, corners = ring_corners(lines, 0.0, around)
+    own = slice(2 * first, 2 * (first + len(lines)))
+    pings, covariance = feet_on_edges(corners, positions), certainty.covariance[own, own]
+    edges = tuple(_edge(line, first + k, certainty, int(pings[k])) for k, line in enumerate(lines))
+    return Candidate(corners, edges, covariance)
+
+
+def _edge(line: NDArray[np.float64], wall: int, certainty: Certainty, pings: int) -> Edge:
+    both = certainty.covariance[2 * wall:2 * wall + 2, 2 * wall:2 * wall + 2]
+    r_std, theta_std = np.sqrt(np.diag(both)).tolist()
+    r, theta = line.tolist()
+    return Edge(r, theta, float(certainty.likelihood[wall]), r_std, theta_std, pings, float(both[0, 1]))
+
+
+def _holes(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -> tuple[Candidate, ...]:
+    first, holes = found.walls.ring, []
+    for count in found.walls.interior.holes.tolist():
+        holes.append(_ring(found.walls.lines[first:first + count], first, certainty, positions, -1.0))
+        first += count
+    return tuple(holes)
+
+
+def _inner_walls(found: Found, certainty: Certainty, data: EchoData) -> tuple[InnerWall, ...]:
+    """Each where its sides are, up to where they meet the outline or a hole."""
+    count = len(found.walls.interior.spans)
+    _, sides = found.walls.sides(0.0, data.shortest_m)
+    told = []
+    for k in range(count):
+        wall = len(found.walls) - count + k
+        row = sides.rows[wall + k]
+        along = data.positions @ np.array((-row[1], row[0]))
+        told.append(InnerWall(
+            row[5:7].copy(), row[7:9].copy(),
+            _edge(found.walls.lines[wall], wall, certainty, int(np.sum((along >= row[3]) & (along <= row[4])))),
+            float(found.walls.reflection[wall]), float(found.walls.interior.spans[k, 2])))
+    return tuple(told)

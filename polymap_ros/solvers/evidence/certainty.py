@@ -50,11 +50,11 @@ def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] |
 
     `with_poses` is the covariance (2 n, 2 n) of the lines where the poses are estimated, too.
     """
-    price = least_gain(found.value + PRICE * len(found.lines))
+    price = least_gain(found.value + PRICE * len(found.walls))
     few = found.wave and search.few_wave.evaluate(found.wave.walls, found.wave, FULL_ORDER)
-    losses = np.empty(len(found.lines))
-    bounding = np.zeros(len(found.lines), np.bool_)
-    for wall in range(len(found.lines)):
+    losses = np.empty(len(found.walls))
+    bounding = np.zeros(len(found.walls), np.bool_)
+    for wall in range(len(found.walls)):
         search.checkpoint()
         if found.wave is not None and few is not None:
             losses[wall], bounding[wall] = _wave_loss(search, found.wave, few, wall, max(OBVIOUS, price))
@@ -71,7 +71,7 @@ def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] |
     cycle_m = np.pi / pulse.carrier if found.wave is not None else pulse.width_m
     covariance[offsets, offsets] += (_CYCLE_ERROR * cycle_m) ** 2
     vague = np.sqrt(np.diag(covariance)[::2]) > 0.5 * search.data.pulse.width_m
-    unsupported = int(np.sum((bounding & (losses < PRICE)) | silent))
+    unsupported = int(np.sum(((bounding & (losses < PRICE)) | silent)[:found.walls.ring]))
     return Certainty(likelihood * np.where(vague, _VAGUE * doubt, doubt), covariance, silent, unsupported)
 
 

@@ -87,6 +87,6 @@ def silent_cuts(search: Search, found: Found) -> Iterator[Walls]:
 
 def _holds_pings(search: Search, cut: Walls, at: int) -> bool:
     """Whether no ping is in the triangle that a line across a corner, wall `at`, cuts off."""
-    sides = cut.lines[[at - 1, at, (at + 1) % len(cut)]]
+    sides = cut.outline[[at - 1, at, (at + 1) % cut.ring]]
     away = np.array([away_from(side, search.data.positions) for side in sides])
     return not bool(np.any((away[0] > 0.0) & (away[1] <= 0.0) & (away[2] > 0.0)))

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
@@ -19,6 +20,7 @@ from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
+from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
@@ -76,13 +78,13 @@ class Found(NamedTuple):
 
     @property
     def lines(self) -> NDArray[np.float64]:
-        """r [m] and theta [rad] of the edges, in their order."""
-        return self.walls.lines
+        """r [m] and theta [rad] of the outline's edges, in their order."""
+        return self.walls.outline
 
-    def moved_to(self, lines: NDArray[np.float64]) -> 'Found':
-        """Return the same walls on other lines, not judged anew."""
-        wave = self.wave and self.wave.with_walls(self.wave.walls.on(lines))
-        return self._replace(power=self.power.with_walls(self.power.walls.on(lines)), wave=wave)
+    def moved(self, frame: Pose) -> 'Found':
+        """Return the same walls, seen from the frame in which `frame` is their own origin, not judged anew."""
+        wave = self.wave and self.wave.with_walls(self.wave.walls.seen_from(frame))
+        return self._replace(power=self.power.with_walls(self.power.walls.seen_from(frame)), wave=wave)
 
 
 SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
@@ -109,6 +111,17 @@ RINGS: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
     (retune, np.inf),
 )
 """The same for outlines that are not convex."""
+
+INSIDE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+    (tune_storey, np.inf),
+    (weigh_orders, np.inf),
+    (turn_phase, WHOLE),
+    (fix_cycle_slips, np.inf),
+    (drop_wall, np.inf),
+    (tune_inner_walls, ALL_EXPLAINED),
+    (add_inner_wall, ALL_EXPLAINED),
+)
+"""The same where something stands inside the outline."""
 
 
 class Search(Ground):
@@ -203,7 +216,7 @@ class Search(Ground):
         for _ in range(ROUNDS):
             self.checkpoint()
             standing = Standing(power, wave, self.explained(wave))
-            schedule = SCHEDULE if wave.walls.convex_outline else RINGS
+            schedule = _schedule_of(wave.walls)
             changed = (move(self, standing) for move, below in schedule if standing.explained < below)
             better = next((each for each in changed if each is not None), None)
             if better is None:
@@ -213,6 +226,14 @@ class Search(Ground):
             return self.judged(power, wave)
         loose = self.wave.refine(wave.with_walls(free(wave.walls)), FULL_ORDER)
         return None if loose is None else self.changed(power, loose)
+
+    def furnished(self, found: Found) -> Found | None:
+        """Return an outline with what stands inside it; None where nothing is found there."""
+        if found.wave is None or len(found.walls) > found.walls.ring:
+            return None
+        self.checkpoint()
+        wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
+        return None if wave is None else self.changed(found.power, wave)
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""
@@ -240,6 +261,12 @@ class Search(Ground):
         explained = float(np.sum(predicted * excess)) / max(float(np.sum(predicted**2)), 1e-300)
         explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
         return Found(fitted, None, min(explained, 1.0), fitted.value - PRICE * len(fitted.walls))
+
+
+def _schedule_of(walls: Walls) -> tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]:
+    if len(walls) > walls.ring:
+        return INSIDE
+    return SCHEDULE if walls.convex_outline else RINGS
 
 
 def search_of(evidence: Evidence, parameters: Parameters, checkpoint: Checkpoint = unwatched) -> Search:

@@ -22,7 +22,7 @@ from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
 from polymap_ros.solvers.evidence.tracking import Chain, Track
-from polymap_ros.solvers.evidence.tuning import EXPLAINED
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
 from polymap_ros.solvers.snapshot import Snapshot
 from polymap_ros.solvers.solver import Evidence
@@ -149,6 +149,7 @@ class EvidenceSolver:
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
+            best = self._furnished(reported, best)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ring = self._ring(reported, best, enough)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
@@ -169,6 +170,15 @@ class EvidenceSolver:
                     break
                 best = mended
         return search, best, track and best and track.with_found(best)
+
+    def _furnished(self, search: Search, found: Found | None) -> Found | None:
+        """The answer with what stands inside the outline, where that explains what the outline leaves."""
+        asked_for = self._parameters.solver.outline == 'auto' and IS_COMPILED
+        if found is None or not asked_for or found.explained > ALL_EXPLAINED:
+            return found
+        furnished = search.furnished(found)
+        explains = furnished is not None and _explains(search, furnished, EXPLAINED - search.uncertainty)
+        return furnished if explains else found
 
     def _storey(self, reported: Search) -> tuple[Storey, float]:
         """Floor and ceiling that all pings hear, of a room, and the strength of their echoes; a plate has none."""

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.lines import moved_lines
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import between, in_frame, onward
 from polymap_ros.hearing.sounding import Sounding
@@ -287,5 +286,5 @@ def anchored(track: Track, chain: Chain) -> Track:
     motion = there.compose(here.inverse())
     poses = in_frame(track.poses, motion)
     return track._replace(
-        found=track.found.moved_to(moved_lines(track.found.lines, motion)), poses=poses,
+        found=track.found.moved(motion), poses=poses,
         search=track.search.over(track.search.data.at(poses)))

@@ -10,7 +10,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.lines import moved_lines, polygon_lines
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.sides import NOTHING, Interior, Sides, sides_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
 
@@ -158,6 +159,14 @@ class Walls:
         lines[wall, 0] += by_m
         reflection[wall] *= -1.0 if turned else 1.0
         return replace(self, lines=lines, reflection=reflection)
+
+    def seen_from(self, frame: Pose) -> Self:
+        """Return the same walls, seen from the frame in which `frame` is their own origin."""
+        lines, (holes, spans) = moved_lines(self.lines, frame), self.interior
+        theta = lines[len(lines) - len(spans):, 1]
+        ahead = frame.y * np.cos(theta) - frame.x * np.sin(theta)
+        moved = Interior(holes, spans + ahead[:, None] * np.array((1.0, 1.0, 0.0)))
+        return replace(self.on(lines), interior=moved)
 
     def on(self, lines: NDArray[np.float64]) -> Self:
         """Return the same walls on other lines."""

@@ -47,6 +47,6 @@ def slipped(ground: Ground, wave: Wave, walls: NDArray[np.intp]) -> Wave | None:
 
 def _short_edges(ground: Ground, wave: Wave) -> NDArray[np.intp]:
     """Return walls so short that their few echoes leave open, at all that is explained, which cycle they are of."""
-    _, corners = corners_of(wave.walls.lines)
+    _, corners = corners_of(wave.walls.outline)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
     return np.flatnonzero(lengths < SHORT_EDGES[-1] * ground.width_m)
