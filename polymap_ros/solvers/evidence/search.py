@@ -20,6 +20,7 @@ from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
+from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_phase
@@ -41,6 +42,8 @@ from polymap_ros.solvers.evidence.tuning import (
     DIFFERENT,
     EXPLAINED,
     FULL_ORDER,
+    HEARD_THROUGH,
+    HOLES,
     IN_PHASE,
     PHASED,
     PRICE,
@@ -227,13 +230,21 @@ class Search(Ground):
         loose = self.wave.refine(wave.with_walls(free(wave.walls)), FULL_ORDER)
         return None if loose is None else self.changed(power, loose)
 
-    def furnished(self, found: Found) -> Found | None:
-        """Return an outline with what stands inside it; None where nothing is found there."""
-        if found.wave is None or len(found.walls) > found.walls.ring:
-            return None
+    def furnished(self, found: Found) -> Iterator[Found]:
+        """Give what an outline may be with something inside: inner walls, then one hole, two and so on."""
         self.checkpoint()
-        wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
-        return None if wave is None else self.changed(found.power, wave)
+        if found.wave is not None and found.explained > HEARD_THROUGH:
+            wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
+            furnished = None if wave is None else self.changed(found.power, wave)
+            if furnished is not None:
+                yield furnished
+        power: Power | None = found.power
+        for _ in range(HOLES):
+            power = with_hole(self, power)
+            pierced = None if power is None else self.settle(power)
+            if power is None or pierced is None:
+                return
+            yield pierced
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""

@@ -176,9 +176,10 @@ class EvidenceSolver:
         asked_for = self._parameters.solver.outline == 'auto' and IS_COMPILED
         if found is None or not asked_for or found.explained > ALL_EXPLAINED:
             return found
-        furnished = search.furnished(found)
-        explains = furnished is not None and _explains(search, furnished, EXPLAINED - search.uncertainty)
-        return furnished if explains else found
+        for furnished in search.furnished(found):
+            if _explains(search, furnished, EXPLAINED - search.uncertainty):
+                return furnished
+        return found
 
     def _storey(self, reported: Search) -> tuple[Storey, float]:
         """Floor and ceiling that all pings hear, of a room, and the strength of their echoes; a plate has none."""

@@ -71,6 +71,13 @@ remaining walls can win back at most a few tens; a wall that is heard is worth t
 ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
+HEARD_THROUGH = 0.4
+"""Share of the echoes' power that an outline explains in which an inner wall lets waves through: with one that reflects
+0.2 to 0.6 of the amplitude it is 0.52 to 0.92 (six plates, even seeds); with a hole, 0.23 to 0.37."""
+
+HOLES = 3
+"""Holes that are looked for, at most."""
+
 SILENT = 0.17
 """Reflection coefficient below which a wall takes echoes from others and has none of its own: in the place of a wall
 that reflects 0.2 those have 0.02 to 0.14, and the wall itself 0.20 (six plates, even seeds)."""
