@@ -138,9 +138,7 @@ def answer_line(estimate: Estimate | None) -> str:
     """One line about the answer, such as ``closed: 5 edges, cost 0.012, IoU with free area 0.953``."""
     if estimate is None:
         return 'waiting for echoes'
-    parts = [f'{len(estimate.polygon.edges)} edges'] if estimate.polygon is not None else []
-    parts += [f'holes: {len(estimate.holes)}'] if estimate.holes else []
-    parts += [f'inner walls: {len(estimate.inner_walls)}'] if estimate.inner_walls else []
+    parts = [estimate.shape_in_words] if estimate.polygon is not None else []
     parts += [f'certain walls: {len(estimate.walls)}'] if estimate.walls else []
     parts += [f'{len(estimate.alternatives)} polygons fit'] if estimate.alternatives else []
     parts += [f'cost {estimate.cost:.4g}'] if estimate.cost is not None else []

@@ -80,7 +80,7 @@ def picture_png(
 
 def _title(estimate: Estimate, pings: int) -> str:
     answer = {
-        'closed': f'{len(estimate.polygon.edges) if estimate.polygon else 0} edges',
+        'closed': estimate.shape_in_words,
         'ambiguous': f'{len(estimate.alternatives)} polygons fit',
         'open': 'no polygon closes',
     }[estimate.status]

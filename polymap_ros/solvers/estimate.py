@@ -261,6 +261,13 @@ class Estimate:
         codes = ', '.join(dict.fromkeys(each.code for each in self.cautions))
         return f'Estimate({self.status} by {self.method}, {", ".join(parts)}, cautions: {codes or "none"})'
 
+    @property
+    def shape_in_words(self) -> str:
+        """What the polygon is made of, such as ``4 edges, 1 hole, 2 inner walls``."""
+        edges = len(self.polygon.edges) if self.polygon else 0
+        inside = ((len(self.holes), 'hole'), (len(self.inner_walls), 'inner wall'))
+        return ', '.join([f'{edges} edges', *(f'{n} {what}{"s" if n > 1 else ""}' for n, what in inside if n)])
+
     def moved(self, frame: Pose) -> 'Estimate':
         """The same answer, seen from the frame in which `frame` is its own origin."""
         return dataclasses.replace(

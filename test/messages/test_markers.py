@@ -61,7 +61,7 @@ def test_holes_are_left_out_and_inner_walls_are_drawn(make, transported):
     assert shapely.union(filled, drawn).area == pytest.approx(2.0)
     assert np.allclose(points(found['inner_walls']), [seam.start, seam.end])
     assert len({tuple(vars(found[name].color).values()) for name in ('outline', 'inner_walls', 'lines')}) == 3
-    assert found['text'].text.startswith('closed: 4 edges, holes: 2, inner walls: 1, cost -1.5')
+    assert found['text'].text.startswith('closed: 4 edges, 2 holes, 1 inner wall, cost -1.5')
 
 
 @pytest.mark.parametrize('status', ['open', 'ambiguous'])
