@@ -60,6 +60,11 @@ class Edge:
         return dataclasses.replace(self, r=float(r), theta=float(theta), r_theta_covariance=-self.r_theta_covariance
                                    )._spread(-lever)
 
+    def turned(self) -> 'Edge':
+        """The same line with its normal turned round, as a wall has it that is heard from both sides."""
+        return dataclasses.replace(self, r=-self.r, theta=float(wrapped(self.theta + np.pi)),
+                                   r_theta_covariance=-self.r_theta_covariance)
+
     def _spread(self, lever: float) -> 'Edge':
         """With the deviations where r has gained `lever` times theta's error."""
         if self.r_std is None or self.theta_std is None:
@@ -144,7 +149,7 @@ class InnerWall:
     start, end : ndarray, shape (2,)
         Where it is heard to start and to end, or meets the outline [m]; known far less well than the line between.
     edge : Edge
-        Its line, with deviations and likelihood.
+        Its line, with deviations and likelihood; neither side is the outer one.
     reflection, transmission : float
         What it reflects of the amplitude, signed where there is phase, and what crosses it.
     """
