@@ -47,9 +47,10 @@ def picture_png(
     """Draw the answer.
 
     Left, in the odometry's frame: the truth dashed red where it is known, the estimated edges green with their numbers,
-    holes green and inner walls orange with theirs, H0, H1, ... and W0, W1, ..., the sensor's path and the pings black, and the axes of the start frame O. Where poses were estimated, the reported
-    path is grey, and the true one, where it is known, thin red. Right, in the start frame: the
-    beamforming map L / max L of eq. (4), with a red rectangle at each retrieved edge.
+    holes green and inner walls orange with theirs, H0, H1, ... and W0, W1, ..., the sensor's path and the pings black,
+    and the axes of the start frame O. Where poses were estimated, the reported path is grey, and the true one, where it
+    is known, thin red. Right, in the start frame: the beamforming map L / max L of eq. (4), with a red rectangle at
+    each retrieved edge.
 
     Parameters
     ----------
