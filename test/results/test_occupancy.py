@@ -9,6 +9,7 @@ from scipy import ndimage
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.map_files import map_yaml, pgm
 from polymap_ros.results.occupancy import FREE, OCCUPIED, UNKNOWN, cell_size, occupancy, occupancy_of
+from polymap_ros.results.save import map_files
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
 TRIANGLE = [[0.013, 0.007], [1.2, 0.0], [0.4, 0.9]]
@@ -72,6 +73,15 @@ def test_holes_are_as_outside_and_inner_walls_as_walls():
             assert grid.cells[row, column] == (FREE if room.contains(cell.centroid) else UNKNOWN), (row, column)
         elif distance == 0.0 and cell.intersection(walls).length > 1e-6:
             assert grid.cells[row, column] == OCCUPIED, (row, column)
+
+
+def test_the_files_of_a_map_have_them_too(tmp_path):
+    answer = closed(PENTAGON, [SLOT, STUD], [SEAM])
+    [entry] = map_files(answer, Parameters())
+    entry.write(tmp_path)
+    description = yaml.safe_load((tmp_path / 'map.yaml').read_text())
+    np.testing.assert_array_equal(read_as_map_server((tmp_path / 'map.pgm').read_bytes(), description),
+                                  occupancy_of(answer, Parameters()).cells)
 
 
 def test_no_way_leads_into_a_hole_or_through_a_seam():
