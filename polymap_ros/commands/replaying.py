@@ -230,16 +230,15 @@ def _complain_of_the_record(mapped: Mapped) -> None:
 
 
 def _outcome(mapped: Mapped, folder: Path, seconds: float, error: str) -> Outcome:
-    from polymap_ros.results.dimensions import dimensions
+    from polymap_ros.results.dimensions import net_area
 
     estimate, closed, counts = mapped.estimate, mapped.closed, mapped.mapper.counts
-    sizes = dimensions(closed) if closed else None
+    area_m2, area_std_m2 = net_area(closed, estimate.holes) if closed else (None, None)
     status = console.DONE if closed else console.NO_POLYGON
     return Outcome(
         mapped.recording.path, folder, console.WRONG if error else status, estimate.status,
         tuple(each.code for each in (*estimate.cautions, *mapped.cautions)),
-        len(closed.edges) if closed else None, sizes.area_m2 if sizes else None, sizes.area_std_m2 if sizes else None,
-        counts.received, counts.used, seconds, error)
+        len(closed.edges) if closed else None, area_m2, area_std_m2, counts.received, counts.used, seconds, error)
 
 
 def _reason(mapped: Mapped) -> str:

@@ -226,6 +226,8 @@ def _values(figures: Figures, rates: Mapping[str, float]) -> dict[str, str]:
         values |= {
             'status': estimate.status, 'method': estimate.method,
             'edges': str(len(estimate.polygon.edges) if estimate.polygon else 0),
+            **{name: str(len(found)) for name, found in (
+                ('holes', estimate.holes), ('inner walls', estimate.inner_walls)) if found},
             'cost': '' if estimate.cost is None else f'{estimate.cost:.6g}',
             'IoU with free area': '' if estimate.iou_free_area is None else f'{estimate.iou_free_area:.4f}',
         }

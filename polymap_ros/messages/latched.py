@@ -21,6 +21,7 @@ from polymap_ros.messages.outputs import (
     polygon_message,
 )
 from polymap_ros.messages.shown import shown
+from polymap_ros.solvers.estimate import Estimate
 
 LATCHED = MappingProxyType({
     'polygon': 'geometry_msgs/msg/PolygonStamped',
@@ -94,12 +95,12 @@ class Latched:
     node_name : str
         The node's name, from which that of the start frame is made.
     grid_of : callable
-        Draws the occupancy map of corners (n, 2) [m]; None where that cannot be.
+        Draws the occupancy map of a closed answer; None where that cannot be.
     """
 
     def __init__(
         self, make: Make, send: Callable[[str, Any], None], node_name: str,
-        grid_of: Callable[[NDArray[Any]], Grid | None],
+        grid_of: Callable[[Estimate], Grid | None],
     ) -> None:
         self._make, self._grid_of = make, grid_of
         self._start_frame = f'{node_name}/start'
@@ -118,7 +119,7 @@ class Latched:
             return [partial(self._polygon.withdraw, polygon_message(make, 0, frame_id, [])), marked, path, no_map]
         corners, stamp_ns, plane = estimate.polygon.vertices, estimate.stamp_ns, mapper.plane or XY
         polygon = partial(self._polygon.publish, polygon_message(make, stamp_ns, frame_id, corners, plane))
-        if (grid := self._grid_of(corners)) is None:
+        if (grid := self._grid_of(estimate)) is None:
             return [polygon, marked, path, no_map]
         return [polygon, marked, path, partial(self._map.publish, occupancy_grid_message(
             make, stamp_ns, frame_id, grid.cells, grid.resolution_m, grid.origin, plane))]

@@ -27,6 +27,7 @@ AREA: Color = (0.6, 0.8, 1.0, 0.15)
 LINES: Color = (0.9, 0.3, 0.3, 0.6)
 FREE_AREA: Color = (0.3, 0.7, 1.0, 0.8)
 PATH: Color = (0.3, 0.9, 0.3, 1.0)
+INNER_WALLS: Color = (1.0, 0.7, 0.2, 1.0)
 
 Points = NDArray[np.float64]
 
@@ -40,7 +41,7 @@ class Drawing:
     frame_id : str
         The odometry's frame.
     estimate : Estimate or None
-        Outline where it is closed; lines of all its edges, certain walls or candidates.
+        Outline, holes and inner walls where it is closed; lines of the edges of outlines, or of certain walls.
     free_area : sequence of ndarray, shape (n, 2)
         Closed rings bounding the free area A_T [m].
     path : ndarray, shape (n, 2)
@@ -94,20 +95,16 @@ def delete_all_message(make: Make, frame_id: str) -> Any:
 
 
 def marker_array_message(make: Make, drawing: Drawing) -> Any:
-    """DELETEALL, then outline, what it holds, lines, free area, sensor path and a text.
+    """DELETEALL, then outline, holes, what is between them, inner walls, lines, free area, sensor path and a text.
 
     Their stamp is 0, for late joiners to place them.
     """
     low, high = drawing.bounds
     size = max(float(np.hypot(*(high - low))), 1e-6)
-    polygon = drawing.estimate.polygon if drawing.estimate is not None else None
-    outline = polygon.vertices[np.r_[: len(polygon.vertices), 0]] if polygon is not None else np.empty((0, 2))
-    rings = [_segments(ring) for ring in drawing.free_area]
     shapes = [
-        ('outline', LINE_STRIP, outline, OUTLINE, 0.008),
-        ('area', TRIANGLE_LIST, outline[triangles(outline[:-1]).ravel()], AREA, 0.0),
+        *_shapes_of(drawing.estimate),
         ('lines', LINE_LIST, _lines(drawing.edges, (low + high) / 2, size), LINES, 0.003),
-        ('free_area', LINE_LIST, np.concatenate(rings) if rings else np.empty((0, 2)), FREE_AREA, 0.003),
+        ('free_area', LINE_LIST, _together([_segments(ring) for ring in drawing.free_area]), FREE_AREA, 0.003),
         ('path', LINE_STRIP, drawing.path, PATH, 0.004),
     ]
     markers = [_marker(make, drawing.frame_id, '', 0, action=DELETE_ALL)]
@@ -123,16 +120,38 @@ def marker_array_message(make: Make, drawing: Drawing) -> Any:
     return make('visualization_msgs/msg/MarkerArray', markers=markers)
 
 
+def _shapes_of(estimate: Estimate | None) -> list[tuple[str, int, Points, Color, float]]:
+    """Namespace, kind, points, colour and share of the size of what a closed polygon is drawn by."""
+    if estimate is None or estimate.polygon is None:
+        return []
+    outline, holes = estimate.polygon.vertices, [hole.vertices for hole in estimate.holes]
+    return [
+        ('outline', LINE_STRIP, _closed(outline), OUTLINE, 0.008),
+        ('holes', LINE_LIST, _together([_segments(_closed(hole)) for hole in holes]), OUTLINE, 0.008),
+        ('area', TRIANGLE_LIST, _together([outline, *holes])[triangles(outline, holes).ravel()], AREA, 0.0),
+        ('inner_walls', LINE_LIST, _together([np.array((wall.start, wall.end)) for wall in estimate.inner_walls]),
+         INNER_WALLS, 0.006),
+    ]
+
+
 def answer_line(estimate: Estimate | None) -> str:
     """One line about the answer, such as ``closed: 5 edges, cost 0.012, IoU with free area 0.953``."""
     if estimate is None:
         return 'waiting for echoes'
-    parts = [f'{len(estimate.polygon.edges)} edges'] if estimate.polygon is not None else []
+    parts = [estimate.shape_in_words] if estimate.polygon is not None else []
     parts += [f'certain walls: {len(estimate.walls)}'] if estimate.walls else []
     parts += [f'{len(estimate.alternatives)} polygons fit'] if estimate.alternatives else []
     parts += [f'cost {estimate.cost:.4g}'] if estimate.cost is not None else []
     parts += [f'IoU with free area {estimate.iou_free_area:.3f}'] if estimate.iou_free_area is not None else []
     return ': '.join(filter(None, [estimate.status, ', '.join(parts)]))
+
+
+def _closed(ring: Points) -> Points:
+    return np.concatenate((ring, ring[:1]))
+
+
+def _together(parts: Sequence[Points]) -> Points:
+    return np.concatenate([*parts, np.empty((0, 2))])
 
 
 def _segments(ring: Points) -> Points:

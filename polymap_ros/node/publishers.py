@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from numpy.typing import NDArray
 from rclpy.node import Node
 
 from polymap_ros.errors import in_words
@@ -15,7 +14,9 @@ from polymap_ros.node.factory import make, message_class
 from polymap_ros.node.later import Later
 from polymap_ros.node.qos import latched_output, no_events
 from polymap_ros.parameters import Parameters
-from polymap_ros.results.occupancy import Occupancy, cell_size, occupancy_of
+from polymap_ros.results.occupancy import Occupancy, occupancy_of
+from polymap_ros.results.save import map_cautions
+from polymap_ros.solvers.estimate import Estimate
 
 
 class Outputs:
@@ -80,13 +81,13 @@ class Outputs:
     def _send(self, name: str, message: Any) -> None:
         self._publishers[name].publish(message)
 
-    def _grid_of(self, corners: NDArray[Any]) -> Occupancy | None:
+    def _grid_of(self, estimate: Estimate) -> Occupancy | None:
         """Draw the map; what fails there costs neither the polygon nor the answer."""
         log = self._node.get_logger()
-        if caution := cell_size(corners, self._parameters()).caution:
+        for caution in map_cautions(estimate, self._parameters()):
             log.warning(caution.text, throttle_duration_sec=60.0)
         try:
-            return occupancy_of(corners, self._parameters())
+            return occupancy_of(estimate, self._parameters())
         except Exception as error:  # of numpy, or a fault of ours
             log.error(f'~/map cannot be drawn: {in_words(error)}', throttle_duration_sec=60.0)
             return None

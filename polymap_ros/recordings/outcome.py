@@ -4,8 +4,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from numpy.typing import NDArray
-
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.diagnostics import SILENCE_S, Figures, InputFigures, Watch, diagnostic_message
 from polymap_ros.messages.latched import LATCHED, Latched
@@ -15,6 +13,7 @@ from polymap_ros.recordings.reading import Message, Recording
 from polymap_ros.recordings.replay import ODOMETRY_TYPE, Replay
 from polymap_ros.recordings.writing import RecordingWriter, make
 from polymap_ros.results.occupancy import Occupancy, occupancy_of
+from polymap_ros.solvers.estimate import Estimate
 
 SECOND_NS = 1_000_000_000
 IDLE_NS = 60 * SECOND_NS
@@ -168,5 +167,5 @@ class _Timers:
     def _send(self, name: str, message: Any) -> None:
         self._writer.write(f'/{NODE_NAME}/{name}', message, self._now_ns)
 
-    def _grid_of(self, corners: NDArray[Any]) -> Occupancy | None:
-        return occupancy_of(corners, self._mapper.parameters)
+    def _grid_of(self, estimate: Estimate) -> Occupancy | None:
+        return occupancy_of(estimate, self._mapper.parameters)

@@ -1,5 +1,7 @@
 """What an inspector measures: edge lengths, corner angles and area, each with its standard deviation."""
 
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +12,7 @@ from polymap_ros.solvers.estimate import Candidate, Edge
 
 
 class Dimensions(NamedTuple):
-    """The sizes of a polygon; edge i runs from corner i to corner i + 1. nan is not known.
+    """The sizes of a polygon, or of a hole; edge i runs from corner i to corner i + 1. nan is not known.
 
     The deviations are propagated to first order from the covariance of r and theta of all edges; where only each edge's
     own is known, the errors of two edges are taken as independent.
@@ -20,9 +22,9 @@ class Dimensions(NamedTuple):
     lengths_m, length_stds_m : ndarray, shape (n,)
         Edge lengths [m].
     angles_rad, angle_stds_rad : ndarray, shape (n,)
-        Interior angles at the corners [rad].
+        Inner angles at the corners [rad], within the material: beyond pi where a corner points inwards, as a hole's do.
     area_m2, area_std_m2 : float
-        Area [m2].
+        Area within the ring [m2].
     """
 
     lengths_m: NDArray[np.float64]
@@ -52,7 +54,7 @@ def seen_from_afar(polygon: Candidate) -> tuple[float, float]:
 
 
 def dimensions(polygon: Candidate) -> Dimensions:
-    """Measure a polygon."""
+    """Measure a polygon, counter-clockwise, or a hole, clockwise: the material is to the left of both."""
     corners = np.asarray(polygon.vertices, dtype=float)
     along = np.roll(corners, -1, axis=0) - corners
     lengths = np.hypot(*along.T)
@@ -74,8 +76,15 @@ def dimensions(polygon: Candidate) -> Dimensions:
     return Dimensions(
         lengths, _deviations(by_length, covariance),
         np.pi - turns, _deviations(by_angle.reshape(n, 2 * n), covariance),
-        0.5 * float(np.sum(_cross(near, np.roll(near, -1, axis=0)))),
+        abs(0.5 * float(np.sum(_cross(near, np.roll(near, -1, axis=0))))),
         float(_deviations(by_area[None], covariance)[0]))
+
+
+def net_area(polygon: Candidate, holes: Sequence[Candidate]) -> tuple[float, float]:
+    """Return the area of a polygon without its holes, and its deviation [m2], the rings' errors being independent."""
+    rings = [dimensions(ring) for ring in (polygon, *holes)]
+    area_m2 = rings[0].area_m2 - sum(hole.area_m2 for hole in rings[1:])
+    return area_m2, math.hypot(*(ring.area_std_m2 for ring in rings))
 
 
 def _corner_jacobian(corners: NDArray[np.float64], tangents: NDArray[np.float64]) -> NDArray[np.float64]:

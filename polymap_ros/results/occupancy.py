@@ -1,5 +1,6 @@
-"""The polygon as an occupancy grid: interior free, boundary occupied, outside unknown."""
+"""The answer as an occupancy grid: interior free, walls occupied, outside and within holes unknown."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.cautions import Caution
 from polymap_ros.parameters import Parameters
+from polymap_ros.solvers.estimate import Estimate
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1
 MAX_CELLS = 50_000_000
@@ -39,11 +41,15 @@ class CellSize(NamedTuple):
     caution: Caution | None = None
 
 
-def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occupancy:
+def occupancy(
+    vertices: ArrayLike, resolution_m: float, margin_m: float, holes: Sequence[ArrayLike] = (),
+    inner_walls: Sequence[ArrayLike] = (),
+) -> Occupancy:
     """Draw a polygon into a grid.
 
-    A cell is occupied where the boundary passes through it, so that no path of neighbouring free cells, not even
-    a diagonal one, leaves the polygon; free where its centre is inside.
+    A cell is occupied where the boundary or an inner wall passes through it, so that no path of neighbouring free
+    cells, not even a diagonal one, leaves the polygon or crosses a wall; free where its centre is inside, and in no
+    hole.
 
     Parameters
     ----------
@@ -53,6 +59,10 @@ def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occu
         Cell size [m].
     margin_m : float
         Unknown border kept around the polygon [m].
+    holes : sequence of array_like, shape (m, 2)
+        Corners of each [m].
+    inner_walls : sequence of array_like, shape (2, 2)
+        Both ends of each [m].
 
     Raises
     ------
@@ -64,18 +74,27 @@ def occupancy(vertices: ArrayLike, resolution_m: float, margin_m: float) -> Occu
         raise ValueError(f'{resolution_m:g} m: more than {MAX_CELLS:.0e} cells')
     low, (columns, rows) = _frame(corners, resolution_m, margin_m)
     cells = np.full((int(rows), int(columns)), UNKNOWN, dtype=np.int8)
-    scaled = corners / resolution_m - low
+    rings = [np.asarray(ring, dtype=float) for ring in (corners, *holes)]
+    boundary = np.concatenate([np.stack((ring, np.roll(ring, -1, axis=0)), axis=1) for ring in rings])
+    scaled, inner = (np.asarray(each, dtype=float).reshape(-1, 2, 2) / resolution_m - low
+                     for each in (boundary, inner_walls))
     cells[_inside(scaled, cells.shape)] = FREE
-    for start, end in zip(scaled, np.roll(scaled, -1, axis=0), strict=True):
-        for column, row in _crossed(start, end):
-            cells[row, column] = OCCUPIED
+    for start, end in (*scaled, *inner):
+        crossed = _crossed(start, end)
+        column, row = crossed[np.all((crossed >= 0) & (crossed < (columns, rows)), axis=1)].T
+        cells[row, column] = OCCUPIED
     return Occupancy(cells, (float(low[0] * resolution_m), float(low[1] * resolution_m)), resolution_m)
 
 
-def occupancy_of(vertices: ArrayLike, parameters: Parameters) -> Occupancy | None:
-    """Draw the grid that the ``map`` parameters ask for; None where it would be too large."""
+def occupancy_of(estimate: Estimate, parameters: Parameters) -> Occupancy | None:
+    """Draw the grid of an answer that the ``map`` parameters ask for; None without a polygon, or where too large."""
+    if estimate.polygon is None:
+        return None
+    vertices = estimate.polygon.vertices
     resolution_m = cell_size(vertices, parameters).resolution_m
-    return None if resolution_m is None else occupancy(vertices, resolution_m, parameters.map.margin_m)
+    return None if resolution_m is None else occupancy(
+        vertices, resolution_m, parameters.map.margin_m, [hole.vertices for hole in estimate.holes],
+        [(wall.start, wall.end) for wall in estimate.inner_walls])
 
 
 def cell_size(vertices: ArrayLike, parameters: Parameters) -> CellSize:
@@ -121,11 +140,11 @@ def _frame(
     return low, high - low + 1.0
 
 
-def _inside(corners: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Cells whose centre is inside: those with an odd number of edges to the left of it, in units of cells."""
+def _inside(edges: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Cells whose centre is inside: those with an odd number of edges (n, 2, 2) left of it, in units of cells."""
     inside = np.zeros(shape, dtype=bool)
     x = np.arange(shape[1]) + 0.5
-    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+    for start, end in edges:
         first, last = (int(np.ceil(height - 0.5)) for height in sorted((start[1], end[1])))
         share = (np.arange(first, last) + 0.5 - start[1]) / (end[1] - start[1]) if last > first else np.empty(0)
         inside[first:last] ^= x > (start[0] + share * (end[0] - start[0]))[:, None]

@@ -19,6 +19,7 @@ _CANDIDATES: tuple[dict[str, Any], ...] = (
     {'color': '#2ca02c', 'linewidth': 2.2}, {'color': '#ff7f0e', 'linewidth': 1.8, 'linestyle': (0, (1, 1))},
     {'color': '#9467bd', 'linewidth': 1.8, 'linestyle': (0, (4, 1, 1, 1))},
 )
+_INNER = {'color': '#ff7f0e', 'linewidth': 2.2}
 _PATH = {'color': 'black', 'linewidth': 0.7, 'marker': 'o', 'markersize': 2.4}
 _OTHERS: dict[str, dict[str, Any]] = {
     'reported path': {'color': '0.6', 'linewidth': 1.0}, 'true path': {'color': '#d62728', 'linewidth': 0.8}}
@@ -46,9 +47,10 @@ def picture_png(
     """Draw the answer.
 
     Left, in the odometry's frame: the truth dashed red where it is known, the estimated edges green with their numbers,
-    the sensor's path and the pings black, and the axes of the start frame O. Where poses were estimated, the reported
-    path is grey, and the true one, where it is known, thin red. Right, in the start frame: the
-    beamforming map L / max L of eq. (4), with a red rectangle at each retrieved edge.
+    holes green and inner walls orange with theirs, H0, H1, ... and W0, W1, ..., the sensor's path and the pings black,
+    and the axes of the start frame O. Where poses were estimated, the reported path is grey, and the true one, where it
+    is known, thin red. Right, in the start frame: the beamforming map L / max L of eq. (4), with a red rectangle at
+    each retrieved edge.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def picture_png(
 
 def _title(estimate: Estimate, pings: int) -> str:
     answer = {
-        'closed': f'{len(estimate.polygon.edges) if estimate.polygon else 0} edges',
+        'closed': estimate.shape_in_words,
         'ambiguous': f'{len(estimate.alternatives)} polygons fit',
         'open': 'no polygon closes',
     }[estimate.status]
@@ -95,8 +97,10 @@ def _draw_room(
         axes.plot(*other.T, **_OTHERS[name], label=name, zorder=3)
     if truth is not None:
         axes.plot(*_ring(truth).T, **_TRUTH, label='truth', zorder=3)
-    if estimate.polygon is not None:
-        axes.plot(*_ring(estimate.polygon.vertices).T, **_EDGE, label='estimated edges', zorder=2)
+    for ring in (estimate.polygon, *estimate.holes) if estimate.polygon else ():
+        axes.plot(*_ring(ring.vertices).T, **_EDGE, label='estimated edges', zorder=2)
+    for wall in estimate.inner_walls:
+        axes.plot(*np.array((wall.start, wall.end)).T, **_INNER, label='inner walls', zorder=2)
     for k, candidate in enumerate(estimate.alternatives):
         style = _CANDIDATES[k % len(_CANDIDATES)]
         axes.plot(*_ring(candidate.vertices).T, **style, label=f'candidate {k + 1}', zorder=2)
@@ -106,6 +110,7 @@ def _draw_room(
     for edge in estimate.walls:
         axes.axline(*_two_points(edge), **_EDGE, label='certain walls', zorder=2)
     _number_edges(axes, estimate)
+    _number_inside(axes, estimate)
     _draw_start(axes, start)
     axes.set_aspect('equal')
     axes.set_xlabel(f'x in {frame} [m]')
@@ -144,8 +149,19 @@ def _number_edges(axes: Any, estimate: Estimate) -> None:
         corners, edges = estimate.polygon.vertices, estimate.polygon.edges
         places = list(0.5 * (corners + np.roll(corners, -1, axis=0)))
     for number, (edge, place) in enumerate(zip(edges, places, strict=True)):
-        axes.text(*(place - inside * _normal(edge)), str(number), color=_EDGE['color'], ha='center', va='center',
-                  clip_on=True, zorder=5, path_effects=_halo())
+        _write(axes, place - inside * _normal(edge), str(number), _EDGE['color'])
+
+
+def _number_inside(axes: Any, estimate: Estimate) -> None:
+    """The numbers of holes, in their middles, and of inner walls."""
+    for number, hole in enumerate(estimate.holes):
+        _write(axes, hole.vertices.mean(axis=0), f'H{number}', _EDGE['color'])
+    for number, wall in enumerate(estimate.inner_walls):
+        _write(axes, 0.5 * (wall.start + wall.end), f'W{number}', _INNER['color'])
+
+
+def _write(axes: Any, place: NDArray[np.float64], text: str, color: Any) -> None:
+    axes.text(*place, text, color=color, ha='center', va='center', clip_on=True, zorder=5, path_effects=_halo())
 
 
 def _halo() -> list[Any]:
@@ -178,18 +194,18 @@ def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Esti
     extent = (theta_deg[0] - half_deg, theta_deg[-1] + half_deg, r_m[0] - half_m, r_m[-1] + half_m)
     drawn = axes.imshow(beam_map.normalised().T, origin='lower', aspect='auto', extent=extent, cmap='viridis',
                         vmin=0.0, interpolation='nearest')
-    edges = (*(estimate.polygon.edges if estimate.polygon else ()), *estimate.walls)
+    edges = _named_edges(estimate)
     if edges:
-        axes.set_ylim(extent[2], min(extent[3], _HEADROOM * max(edge.r for edge in edges)))
+        axes.set_ylim(extent[2], min(extent[3], _HEADROOM * max(edge.r for _, edge in edges)))
     span_deg = min(_RECTANGLE_DEG, 0.1 * (extent[1] - extent[0]))
     span_m = _RECTANGLE_M * (axes.get_ylim()[1] - extent[2])
     label = 'estimated edges' if estimate.polygon else 'certain walls'
-    for number, edge in enumerate(edges):
+    for name, edge in edges:
         turns = np.rad2deg(edge.theta) + 360.0 * np.arange(-2, 3)
         for place in turns[(turns >= extent[0]) & (turns <= extent[1])]:
             axes.add_patch(Rectangle((place - span_deg / 2, edge.r - span_m / 2), span_deg, span_m, fill=False,
                                      edgecolor='red', linewidth=1.6, clip_on=True, label=label))
-            axes.text(place, edge.r + 0.6 * span_m, str(number), color='white', ha='center', va='bottom', clip_on=True)
+            axes.text(place, edge.r + 0.6 * span_m, name, color='white', ha='center', va='bottom', clip_on=True)
     if extent[1] - extent[0] > 180.0:
         axes.xaxis.set_major_locator(MultipleLocator(45.0))
     if edges:
@@ -197,6 +213,16 @@ def _draw_beam_map(figure: Any, axes: Any, mapper: PolygonMapper, estimate: Esti
     axes.set_xlabel(r'$\theta$ in the start frame O [deg]')
     axes.set_ylabel('r from O [m]')
     figure.colorbar(drawn, ax=axes, label=r'$\mathcal{L}_T(r, \theta)\,/\,$max', pad=0.02)
+
+
+def _named_edges(estimate: Estimate) -> list[tuple[str, Edge]]:
+    """All edges and walls of an answer in the start frame, an inner wall by the side that is seen from there."""
+    edges = (*(estimate.polygon.edges if estimate.polygon else ()), *estimate.walls)
+    return [
+        *((str(number), edge) for number, edge in enumerate(edges)),
+        *((f'H{number}.{i}', edge) for number, hole in enumerate(estimate.holes) for i, edge in enumerate(hole.edges)),
+        *((f'W{number}', wall.edge if wall.edge.r >= 0.0 else wall.edge.turned())
+          for number, wall in enumerate(estimate.inner_walls))]
 
 
 def _ring(vertices: NDArray[np.float64]) -> NDArray[np.float64]:

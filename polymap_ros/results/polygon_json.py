@@ -14,8 +14,8 @@ from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters, specifications
-from polymap_ros.results.dimensions import dimensions
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, Trajectory
+from polymap_ros.results.dimensions import dimensions, net_area
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall, Trajectory
 from polymap_ros.specification import Value
 
 FORMAT = 'polymap/1'
@@ -55,7 +55,9 @@ def polygon_document(
         'status': estimate.status, 'frame_id': frame_id,
         **({} if plane.is_xy else {'plane': plane_axes(plane)}), 'stamp_ns': int(estimate.stamp_ns),
         'method': estimate.method,
-        **(_candidate(closed) if closed else {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
+        **(_candidate(closed, estimate.holes) if closed else
+           {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
+        **(_interior(estimate) if closed else {}),
         **_height(estimate.storey), 'walls': [_edge(edge) for edge in estimate.walls],
         'alternatives': [_candidate(candidate) for candidate in estimate.alternatives],
         'cost': _number(estimate.cost), 'iou_free_area': _number(estimate.iou_free_area),
@@ -68,6 +70,13 @@ def polygon_document(
         'parameters': {name: _shown(name, value) for name, value in parameters.flat().items()},
         'software': {'polymap_ros': __version__},
     }
+
+
+def _interior(estimate: Estimate) -> dict[str, Any]:
+    """Holes and inner walls, where there are any."""
+    found = {'holes': [_candidate(hole) for hole in estimate.holes],
+             'inner_walls': [_inner_wall(wall) for wall in estimate.inner_walls]}
+    return {name: each for name, each in found.items() if each}
 
 
 def _height(storey: Storey) -> dict[str, Any]:
@@ -124,23 +133,32 @@ def _is_nested(value: dict[str, Any] | list[Any], depth: int) -> bool:
     return depth == 2 or len(value) > 6
 
 
-def _candidate(candidate: Candidate) -> dict[str, Any]:
-    sizes = dimensions(candidate)
-    measured = zip(*sizes[:4], strict=True)
+def _candidate(candidate: Candidate, holes: Sequence[Candidate] = ()) -> dict[str, Any]:
+    """A ring; its area is without the holes in it."""
+    measured, (area_m2, area_std_m2) = zip(*dimensions(candidate)[:4], strict=True), net_area(candidate, holes)
     return {
         'vertices': [[_number(x), _number(y)] for x, y in candidate.vertices],
         'edges': [_edge(edge, each) for edge, each in zip(candidate.edges, measured, strict=True)],
-        'area': _number(sizes.area_m2), 'area_std': _number(sizes.area_std_m2),
+        'area': _number(area_m2), 'area_std': _number(area_std_m2),
     }
 
 
 def _edge(edge: Edge, measured: Sequence[float | None] = (None,) * 4) -> dict[str, Any]:
     """An edge, or a wall whose ends are not known."""
     return {
+        **_line(edge), **dict(zip(('length', 'length_std', 'angle', 'angle_std'), map(_number, measured), strict=True))}
+
+
+def _inner_wall(wall: InnerWall) -> dict[str, Any]:
+    return {
+        **{name: [_number(value) for value in place] for name, place in (('start', wall.start), ('end', wall.end))},
+        'reflection': _number(wall.reflection), 'transmission': _number(wall.transmission), **_line(wall.edge)}
+
+
+def _line(edge: Edge) -> dict[str, Any]:
+    return {
         'r': _number(edge.r), 'theta': _number(edge.theta), 'likelihood': _number(edge.likelihood),
-        'r_std': _number(edge.r_std), 'theta_std': _number(edge.theta_std), 'pings': int(edge.pings),
-        **dict(zip(('length', 'length_std', 'angle', 'angle_std'), map(_number, measured), strict=True)),
-    }
+        'r_std': _number(edge.r_std), 'theta_std': _number(edge.theta_std), 'pings': int(edge.pings)}
 
 
 def _number(value: float | None) -> float | None:

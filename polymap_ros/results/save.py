@@ -54,7 +54,7 @@ def map_files(estimate: Estimate, parameters: Parameters) -> Iterator[Entry]:
         return
 
     def write(folder: Path) -> None:
-        grid = occupancy_of(closed.vertices, parameters)
+        grid = occupancy_of(estimate, parameters)
         if grid is not None:
             (folder / names.MAP_IMAGE).write_bytes(pgm(grid))
             (folder / names.MAP_YAML).write_bytes(map_yaml(grid, names.MAP_IMAGE))

@@ -8,8 +8,8 @@ from polymap_ros.cautions import Caution
 from polymap_ros.geometry.alignment import PathError
 from polymap_ros.geometry.polygon_error import Comparison
 from polymap_ros.hearing.ping_queue import PingCounts
-from polymap_ros.results.dimensions import dimensions, seen_from_afar
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.results.dimensions import dimensions, net_area, seen_from_afar
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
 _NARROWEST = 7
 """Characters of a column, so that small rooms have tables alike."""
@@ -40,7 +40,8 @@ def summary(
     """
     lines = [_headline(estimate)]
     if estimate.polygon is not None:
-        lines += _polygon_lines(estimate.polygon, frame_id)
+        lines += _polygon_lines(estimate.polygon, frame_id, estimate.holes)
+        lines += _interior_lines(estimate)
     for number, candidate in enumerate(estimate.alternatives, start=1):
         lines += [f'candidate {number}', *_polygon_lines(candidate, frame_id)]
     if estimate.walls:
@@ -61,7 +62,7 @@ def summary(
 
 def _headline(estimate: Estimate) -> str:
     answer = {
-        'closed': f'{len(estimate.polygon.edges) if estimate.polygon else 0} edges',
+        'closed': estimate.shape_in_words,
         'ambiguous': f'{len(estimate.alternatives)} polygons fit',
         'open': 'no polygon closes',
     }[estimate.status]
@@ -69,8 +70,40 @@ def _headline(estimate: Estimate) -> str:
     return f'{estimate.status}: {answer} (method {estimate.method}{cost})'
 
 
-def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
-    """A row per edge with the corner it starts from, the lines the edges lie on, and the area."""
+def _polygon_lines(polygon: Candidate, frame_id: str, holes: Sequence[Candidate] = ()) -> list[str]:
+    """A row per edge with the corner it starts from, the lines the edges lie on, and the area without the holes."""
+    extent_m = max(np.ptp(polygon.vertices, axis=0))
+    shown = frame_id if frame_id.isprintable() else repr(frame_id)
+    without = {0: '', 1: ' without the hole'}.get(len(holes), f' without the {len(holes)} holes')
+    return [
+        *_ring_lines(polygon), *_far_away(polygon),
+        f'area {_area(*net_area(polygon, holes))}{without}, extent {extent_m:.4g} m, corners counter-clockwise in '
+        f'{shown or "the odometry frame"}',
+    ]
+
+
+def _interior_lines(estimate: Estimate) -> list[str]:
+    """Each hole as an outline; of inner walls the ends, which are vague, and what they do to an echo."""
+    lines = []
+    for number, hole in enumerate(estimate.holes):
+        lines += [f'hole {number}', *_ring_lines(hole),
+                  f'area {_area(*net_area(hole, ()))}, corners clockwise, angles within the material']
+    walls = estimate.inner_walls
+    return [*lines, 'inner walls', *_inner_table(walls), *_edge_table([wall.edge for wall in walls], 'wall')
+            ] if walls else lines
+
+
+def _inner_table(walls: Sequence[InnerWall]) -> list[str]:
+    rows = [(str(i), *map(_fixed, (*wall.start, *wall.end)), _fixed(wall.reflection, 3), _fixed(wall.transmission, 3))
+            for i, wall in enumerate(walls)]
+    return _table(('wall', 'x1 [m]', 'y1 [m]', 'x2 [m]', 'y2 [m]', 'reflects', 'lets through'), rows)
+
+
+def _area(area_m2: float, area_std_m2: float) -> str:
+    return f'{area_m2:.6g} m2' + (f' +- {1e4 * area_std_m2:.2g} cm2' if np.isfinite(area_std_m2) else '')
+
+
+def _ring_lines(polygon: Candidate) -> list[str]:
     sizes = dimensions(polygon)
     columns = zip(polygon.vertices, sizes.lengths_m, sizes.length_stds_m, sizes.angles_rad, sizes.angle_stds_rad,
                   strict=True)
@@ -79,15 +112,8 @@ def _polygon_lines(polygon: Candidate, frame_id: str) -> list[str]:
          _deviation(angle_std, _DEGREES))
         for i, ((x, y), length, length_std, angle, angle_std) in enumerate(columns)
     ]
-    extent_m = max(np.ptp(polygon.vertices, axis=0))
-    shown = frame_id if frame_id.isprintable() else repr(frame_id)
-    spread = f' +- {1e4 * sizes.area_std_m2:.2g} cm2' if np.isfinite(sizes.area_std_m2) else ''
-    return [
-        *_table(('edge', 'x [m]', 'y [m]', 'length [m]', '+- [mm]', 'corner [deg]', '+- [deg]'), rows),
-        *_edge_table(polygon.edges), *_far_away(polygon),
-        f'area {sizes.area_m2:.6g} m2{spread}, extent {extent_m:.4g} m, corners counter-clockwise in '
-        f'{shown or "the odometry frame"}',
-    ]
+    return [*_table(('edge', 'x [m]', 'y [m]', 'length [m]', '+- [mm]', 'corner [deg]', '+- [deg]'), rows),
+            *_edge_table(polygon.edges)]
 
 
 def _far_away(polygon: Candidate) -> list[str]:
@@ -99,8 +125,8 @@ def _far_away(polygon: Candidate) -> list[str]:
     return [f"r and its deviation are about the frame's origin, {distance_m:.0f} m away{good}"]
 
 
-def _edge_table(edges: Sequence[Edge]) -> list[str]:
-    return _table(('edge', 'r [m]', '+- [mm]', 'theta [deg]', '+- [deg]', 'likelihood', 'pings'),
+def _edge_table(edges: Sequence[Edge], name: str = 'edge') -> list[str]:
+    return _table((name, 'r [m]', '+- [mm]', 'theta [deg]', '+- [deg]', 'likelihood', 'pings'),
                   [(str(i), *_edge_cells(edge)) for i, edge in enumerate(edges)])
 
 

@@ -60,6 +60,11 @@ class Edge:
         return dataclasses.replace(self, r=float(r), theta=float(theta), r_theta_covariance=-self.r_theta_covariance
                                    )._spread(-lever)
 
+    def turned(self) -> 'Edge':
+        """The same line with its normal turned round, as a wall has it that is heard from both sides."""
+        return dataclasses.replace(self, r=-self.r, theta=float(wrapped(self.theta + np.pi)),
+                                   r_theta_covariance=-self.r_theta_covariance)
+
     def _spread(self, lever: float) -> 'Edge':
         """With the deviations where r has gained `lever` times theta's error."""
         if self.r_std is None or self.theta_std is None:
@@ -144,7 +149,7 @@ class InnerWall:
     start, end : ndarray, shape (2,)
         Where it is heard to start and to end, or meets the outline [m]; known far less well than the line between.
     edge : Edge
-        Its line, with deviations and likelihood.
+        Its line, with deviations and likelihood; neither side is the outer one.
     reflection, transmission : float
         What it reflects of the amplitude, signed where there is phase, and what crosses it.
     """
@@ -260,6 +265,13 @@ class Estimate:
             ('inner walls', self.inner_walls)) if found)]
         codes = ', '.join(dict.fromkeys(each.code for each in self.cautions))
         return f'Estimate({self.status} by {self.method}, {", ".join(parts)}, cautions: {codes or "none"})'
+
+    @property
+    def shape_in_words(self) -> str:
+        """What the polygon is made of, such as ``4 edges, 1 hole, 2 inner walls``."""
+        edges = len(self.polygon.edges) if self.polygon else 0
+        inside = ((len(self.holes), 'hole'), (len(self.inner_walls), 'inner wall'))
+        return ', '.join([f'{edges} edges', *(f'{n} {what}{"s" if n > 1 else ""}' for n, what in inside if n)])
 
     def moved(self, frame: Pose) -> 'Estimate':
         """The same answer, seen from the frame in which `frame` is its own origin."""

@@ -1,5 +1,7 @@
 """Markers as they arrive: order, geometry, what is drawn for each status."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 import shapely
@@ -9,7 +11,7 @@ from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.messages.markers import Drawing, answer_line, delete_all_message, drawing_of, marker_array_message
 from polymap_ros.parameters import Parameters
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
 MARKERS = 'visualization_msgs/msg/MarkerArray'
 SQUARE = np.array([[1.0, 1.0], [3.0, 1.0], [3.0, 2.0], [1.0, 2.0]])
@@ -44,6 +46,28 @@ def test_closed_polygon_is_drawn_with_its_lines_path_and_free_area(make, transpo
     assert np.allclose(points(found['free_area']), RING[[0, 1, 1, 2, 2, 3]])
     assert found['text'].text == 'closed: 4 edges, cost -1.5, IoU with free area 0.900'
     assert all(each.color.a > 0.0 and max(each.scale.x, each.scale.z) > 0.0 for each in found.values())
+
+
+def test_holes_are_left_out_and_inner_walls_are_drawn(make, transported):
+    holes = [np.array([[1.2, 1.2], [1.3, 1.7], [1.6, 1.4]]), np.array([[2.2, 1.2], [2.2, 1.8], [2.8, 1.8], [2.8, 1.2]])]
+    seam = InnerWall(np.array([1.9, 1.0]), np.array([1.8, 2.0]), EDGES[0], 0.3, 0.9)
+    plate = dataclasses.replace(CLOSED, holes=tuple(Candidate(each, ()) for each in holes), inner_walls=(seam,))
+    found = markers(make, transported, plate)
+    assert list(found) == ['outline', 'holes', 'area', 'inner_walls', 'lines', 'free_area', 'path', 'text']
+    drawn = shapely.polygonize(list(shapely.linestrings(points(found['holes']).reshape(-1, 2, 2))))
+    filled = shapely.union_all([shapely.Polygon(each) for each in points(found['area']).reshape(-1, 3, 2)])
+    whole = shapely.Polygon(SQUARE, holes)
+    assert shapely.symmetric_difference(filled, whole).area < 1e-9
+    assert shapely.union(filled, drawn).area == pytest.approx(2.0)
+    assert np.allclose(points(found['inner_walls']), [seam.start, seam.end])
+    assert len({tuple(vars(found[name].color).values()) for name in ('outline', 'inner_walls', 'lines')}) == 3
+    assert found['text'].text.startswith('closed: 4 edges, 2 holes, 1 inner wall, cost -1.5')
+
+
+@pytest.mark.parametrize('status', ['open', 'ambiguous'])
+def test_without_an_outline_nothing_inside_is_drawn(make, transported, status):
+    found = markers(make, transported, Estimate(status, 'evidence', walls=EDGES, holes=(Candidate(RING, ()),)))
+    assert not {'holes', 'area', 'inner_walls'} & found.keys()
 
 
 def test_lines_lie_on_their_edges_and_reach_beyond_the_corners(make, transported):

@@ -8,7 +8,7 @@ import shapely
 
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.pose import Pose
-from polymap_ros.results.dimensions import dimensions
+from polymap_ros.results.dimensions import dimensions, net_area
 from polymap_ros.solvers.estimate import Candidate, Edge
 
 PENTAGON = np.array([[0.0, 0.0], [1.0, 0.0], [1.3, 0.7], [0.6, 1.2], [-0.2, 0.6]])
@@ -88,6 +88,31 @@ def test_deviations_are_those_of_polygons_drawn_at_random(corners, seed):
         np.testing.assert_allclose(found.length_stds_m, lengths.std(axis=1), rtol=0.04)
         np.testing.assert_allclose(found.angle_stds_rad, angles.std(axis=1), rtol=0.04)
         assert found.area_std_m2 == pytest.approx(areas.std(), rel=0.04)
+
+
+@pytest.mark.parametrize(('corners', 'seed'), [(PENTAGON, 2), (NEEDLE, 4)])
+def test_a_hole_is_measured_from_the_material_around_it(corners, seed):
+    """Clockwise: the same lengths, area and deviations, and at each corner what is left of a whole turn."""
+    hole = polygon_of(corners[::-1], seed)
+    for found in (dimensions(hole), dimensions(together(hole, seed)), dimensions(hole.moved(Pose(3.0, -2.0, 1.0)))):
+        lengths, angles, area = measured(shapely.points(corners[::-1])[:, None])
+        np.testing.assert_allclose(found.lengths_m, lengths[:, 0], rtol=1e-9)
+        np.testing.assert_allclose(found.angles_rad, 2.0 * np.pi - angles[:, 0], atol=1e-9)
+        assert found.area_m2 == pytest.approx(area[0], rel=1e-9)
+    for polygon in (hole, together(hole, seed)):
+        found, (lengths, angles, areas) = dimensions(polygon), measured(drawn(polygon, 10_000, seed))
+        np.testing.assert_allclose(found.length_stds_m, lengths.std(axis=1), rtol=0.04)
+        np.testing.assert_allclose(found.angle_stds_rad, angles.std(axis=1), rtol=0.04)
+        assert found.area_std_m2 == pytest.approx(areas.std(), rel=0.04)
+
+
+def test_what_holes_leave_of_an_area_is_as_good_as_all_rings_together():
+    plate, holes = polygon_of(4.0 * PENTAGON, 8), [polygon_of(PENTAGON[::-1] + shift, 9) for shift in (1.0, 2.2)]
+    found, (outline, *apart) = net_area(plate, holes), [dimensions(each) for each in (plate, *holes)]
+    assert found[0] == pytest.approx(shapely.Polygon(4.0 * PENTAGON, [each.vertices for each in holes]).area)
+    assert found[1] ** 2 == pytest.approx(outline.area_std_m2**2 + sum(hole.area_std_m2**2 for hole in apart))
+    assert net_area(plate, []) == (outline.area_m2, outline.area_std_m2)
+    assert np.isnan(net_area(plate, [Candidate(PENTAGON[::-1], (Edge(1.0, 0.0, 1.0),) * 5)])[1])
 
 
 def test_sizes_do_not_depend_on_the_frame():

@@ -1,5 +1,6 @@
 """The picture can be drawn of every answer, and shows what belongs in it."""
 
+import dataclasses
 import io
 import os
 import subprocess
@@ -12,7 +13,7 @@ from polymap_ros.errors import UsageError
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.results import picture
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
 pytest.importorskip('matplotlib')
 
@@ -64,6 +65,19 @@ def test_other_answers(mapper, estimate):
     drawn = bool(estimate.alternatives or estimate.walls)
     assert (count(room, GREEN) > 100) == drawn
     assert (count(beam_map, FRAME_RED) > 0) == bool(estimate.walls)
+
+
+def test_holes_and_inner_walls_are_drawn(mapper):
+    hole = Candidate(np.array([[3.1, 4.1], [3.1, 4.4], [3.4, 4.4], [3.4, 4.1]]),
+                     (Edge(3.1, 0.0, 1.0), Edge(-4.4, -np.pi / 2, 1.0), Edge(-3.4, -np.pi, 1.0), Edge(4.1, 1.5, 1.0)))
+    seam = InnerWall(np.array([2.6, 3.6]), np.array([3.4, 3.7]), Edge(-3.0, -1.45, 1.0), 0.3, 0.9)
+    plain = [count(half, color) for half, color in zip(
+        halves(picture.picture_png(mapper, mapper.estimate)), (GREEN, FRAME_RED), strict=True)]
+    estimate = dataclasses.replace(mapper.estimate, holes=(hole,), inner_walls=(seam,))
+    room, beam_map = halves(picture.picture_png(mapper, estimate))
+    assert count(room, GREEN) > plain[0] + 100
+    assert count(room, (255, 127, 14)) > 100
+    assert count(beam_map, FRAME_RED) > plain[1] + 100
 
 
 def test_candidates_can_be_told_apart(mapper):

@@ -4,6 +4,7 @@ import dataclasses
 import json
 
 import numpy as np
+import pytest
 
 from polymap_ros import __version__
 from polymap_ros.cautions import Caution
@@ -13,7 +14,7 @@ from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.polygon_json import encode, polygon_document
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
 EDGE = Edge(r=0.5, theta=np.float64(-1.5), likelihood=np.float32(0.25), r_std=1e-4, theta_std=np.nan, pings=np.int64(7))
 SQUARE = Candidate(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]), (EDGE,) * 4)
@@ -57,6 +58,36 @@ def test_floor_and_ceiling_are_there_where_they_were_heard():
     alone = Storey(storey.height_m[:1], storey.reflection[:1])
     assert list(written(dataclasses.replace(CLOSED, storey=alone))['height']) == ['floor_m', 'floor_reflection']
     assert 'height' not in written(CLOSED)
+
+
+def ring(corners):
+    edges = tuple(Edge(r, theta, 0.9, 1e-4, 1e-3, 5) for r, theta in polygon_lines(corners))
+    return Candidate(np.array(corners), edges)
+
+
+HOLE = ring([[0.25, 0.25], [0.25, 0.75], [0.5, 0.75]])
+SEAM = InnerWall(
+    np.array([0.6, -0.0]), np.array([0.6, 1.0]), Edge(0.6, 0.0, 0.97, 2e-4, pings=8), -0.3, np.float64(0.95))
+
+
+def test_holes_and_inner_walls_are_there_where_there_are_any():
+    plate = dataclasses.replace(CLOSED, polygon=ring(SQUARE.vertices), holes=(HOLE, HOLE), inner_walls=(SEAM,))
+    found = written(plate)
+    assert list(found)[6:12] == ['vertices', 'edges', 'area', 'area_std', 'holes', 'inner_walls']
+    hole = found['holes'][1]
+    assert hole['vertices'] == [[0.25, 0.25], [0.25, 0.75], [0.5, 0.75]]
+    assert hole['edges'][0].keys() == found['edges'][0].keys()
+    assert [edge['length'] for edge in hole['edges']] == pytest.approx([0.5, 0.25, np.sqrt(0.3125)])
+    assert [edge['angle'] for edge in hole['edges']] == pytest.approx(
+        [2 * np.pi - np.arctan(0.5), 1.5 * np.pi, 2 * np.pi - np.arctan(2.0)])
+    assert hole['area'] == pytest.approx(0.0625)
+    assert found['area'] == pytest.approx(0.875)
+    assert found['area_std'] > written(dataclasses.replace(plate, holes=()))['area_std'] > 0.0
+    assert found['inner_walls'] == [{
+        'start': [0.6, 0.0], 'end': [0.6, 1.0], 'reflection': -0.3, 'transmission': 0.95, 'r': 0.6, 'theta': 0.0,
+        'likelihood': 0.97, 'r_std': 2e-4, 'theta_std': None, 'pings': 8}]
+    for other in (written(CLOSED), written(dataclasses.replace(plate, status='open'))):
+        assert not {'holes', 'inner_walls'} & other.keys()
 
 
 def test_an_ambiguous_answer_has_alternatives_only():

@@ -1,5 +1,7 @@
 """The summary says what the file says."""
 
+import dataclasses
+
 import numpy as np
 
 from polymap_ros.cautions import Caution
@@ -11,7 +13,7 @@ from polymap_ros.geometry.storey import Storey
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.results.dimensions import dimensions
 from polymap_ros.results.summary import summary
-from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
+from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
 CORNERS = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
 ROOM = Candidate(CORNERS, tuple(Edge(r, theta, 0.5, pings=4) for r, theta in polygon_lines(CORNERS)))
@@ -31,6 +33,33 @@ def test_a_closed_room():
     assert 'against the truth: 4 edges of 4, right; IoU 0.9960' in lines
     assert '  wall offset: median 1 mm, largest 2 mm' in lines
     assert '  wall angle: median 0 deg, largest 0 deg' in lines
+
+
+HOLE_CORNERS = np.array([[0.5, 0.25], [0.5, 0.75], [1.0, 0.75], [1.0, 0.25]])
+HOLE = Candidate(HOLE_CORNERS, tuple(
+    Edge(r, theta, 0.75, 1e-4, 1e-4, pings=3) for r, theta in polygon_lines(HOLE_CORNERS)))
+SEAM = InnerWall(np.array([1.5, -0.0]), np.array([1.5, 0.9]), Edge(1.5, 0.0, 0.96, 2e-4, pings=7), -0.25, 0.92)
+
+
+def test_holes_and_inner_walls_are_told_with_their_numbers():
+    estimate = Estimate('closed', 'evidence', polygon=ROOM, holes=(HOLE,), inner_walls=(SEAM, SEAM))
+    lines = summary(estimate, 'odom', PingCounts()).splitlines()
+    assert lines[0] == 'closed: 4 edges, 1 hole, 2 inner walls (method evidence)'
+    assert 'area 1.75 m2 without the hole, extent 2 m, corners counter-clockwise in odom' in lines
+    hole = lines.index('hole 0')
+    assert lines[hole + 2].split()[:4] == ['0', '0.50000', '0.25000', '0.50000']
+    assert [line.split()[5] for line in lines[hole + 2:hole + 6]] == ['270.000'] * 4
+    assert lines[hole + 7].split() == ['0', '0.50000', '0.100', '0.000', '0.006', '0.750', '3']
+    assert lines[hole + 11] == (f'area 0.25 m2 +- {1e4 * dimensions(HOLE).area_std_m2:.2g} cm2, corners clockwise, '
+                                'angles within the material')
+    assert lines[hole + 12] == 'inner walls'
+    assert lines[hole + 14].split() == ['0', '1.50000', '0.00000', '1.50000', '0.90000', '-0.250', '0.920']
+    assert lines[hole + 16].split()[:3] == ['wall', 'r', '[m]']
+    assert lines[hole + 18].split() == ['1', '1.50000', '0.200', '0.000', '-', '0.960', '7']
+    several = summary(dataclasses.replace(estimate, holes=(HOLE,) * 2, inner_walls=()), 'odom', PingCounts())
+    assert several.startswith('closed: 4 edges, 2 holes (method evidence)\n')
+    assert 'area 1.5 m2 without the 2 holes, extent' in several
+    assert 'inner wall' not in several
 
 
 def test_a_rooms_height_is_told():

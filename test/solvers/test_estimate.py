@@ -56,3 +56,12 @@ def test_edges_stay_with_their_corners_in_the_mirror():
     assert lines[:, 0] == pytest.approx(expected[:, 0])
     assert np.abs(np.angle(np.exp(1j * (lines[:, 1] - expected[:, 1])))).max() < 1e-12
     assert [edge.pings for edge in image.edges] == [2, 1, 0, 3]
+
+
+def test_a_turned_edge_is_the_same_line_with_the_same_errors():
+    edge = Edge(0.8, 1.7, 0.9, 1e-4, 2e-4, 3, 1.5e-8)
+    turned, frame = edge.turned(), Pose(0.4, -0.3, 0.9)
+    assert (turned.r, turned.theta, turned.r_theta_covariance) == pytest.approx((-0.8, 1.7 - np.pi, -1.5e-8))
+    there, back = turned.moved(frame).turned(), edge.moved(frame)
+    assert (there.r, there.theta, there.r_std, there.r_theta_covariance) == pytest.approx(
+        (back.r, back.theta, back.r_std, back.r_theta_covariance))

@@ -29,12 +29,13 @@ _HALF_DEG, _HALF_SHARE = 8.0, 0.025
 
 
 class Marked(NamedTuple):
-    """An edge in the frame of the answer, and what it is called."""
+    """An edge in the frame of the answer, and what it is called; an inner wall is seen from both sides."""
 
     name: str
     r: float
     theta: float
     style: int = 0
+    both_sides: bool = False
 
 
 def beam_map_svg(name: str, heard: Survey, edges: Sequence[Marked]) -> str:
@@ -50,7 +51,7 @@ def beam_map_svg(name: str, heard: Survey, edges: Sequence[Marked]) -> str:
         In the frame of the answer.
     """
     back = (heard.start or Pose(0.0, 0.0)).inverse()
-    local = [(mark, Edge(mark.r, mark.theta, 1.0).moved(back)) for mark in edges]
+    local = [(mark, _facing(Edge(mark.r, mark.theta, 1.0).moved(back), mark.both_sides)) for mark in edges]
     end = len(heard.r_m)
     if local:
         end = min(end, int(np.searchsorted(heard.r_m, _HEADROOM * max(edge.r for _, edge in local))) + 1)
@@ -71,6 +72,11 @@ def beam_map_svg(name: str, heard: Survey, edges: Sequence[Marked]) -> str:
                 height=box.bottom - box.top)
     _name_frames(root, frames)
     return markup(root)
+
+
+def _facing(edge: Edge, both_sides: bool) -> Edge:
+    """An edge by the side that is seen from the start."""
+    return edge.turned() if both_sides and edge.r < 0.0 else edge
 
 
 def png(shares: NDArray[np.float32]) -> bytes:

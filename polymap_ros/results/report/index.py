@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-import numpy as np
-
 from polymap_ros import __version__
 from polymap_ros.results.report.numbers import fixed
 from polymap_ros.results.report.outline import thumbnail_svg
@@ -82,5 +80,4 @@ def _pings(counts: Sequence[Mapping[str, Any]]) -> str:
 
 def _thumbnail(k: int, name: str, document: Mapping[str, Any]) -> str:
     shapes = [document] if document['status'] == 'closed' else document['alternatives']
-    rings = [np.asarray(shape['vertices'], dtype=float) for shape in shapes]
-    return thumbnail_svg(f'thumbnail-{k}', f'Outline of {name}', rings) if rings else ''
+    return thumbnail_svg(f'thumbnail-{k}', f'Outline of {name}', shapes) if shapes else ''

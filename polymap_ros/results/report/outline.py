@@ -1,5 +1,6 @@
 """The outline drawn to scale, with lengths, inner angles and deviations."""
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -14,7 +15,7 @@ from polymap_ros.results.report.numbers import digits_for, fixed, spread
 from polymap_ros.results.report.svg import add, drawing, markup, path_data
 
 Shape = Mapping[str, Any]
-"""A polygon of polygon.json: its `vertices` and `edges`."""
+"""A polygon of polygon.json: its `vertices` and `edges`, `holes` and `inner_walls`; or one of the holes."""
 
 LETTERS = 'ABCDEFGHIJKLMNOPQRSTUVWXYZ'
 """Names of candidates."""
@@ -51,12 +52,28 @@ def outline_svg(name: str, shape: Shape, heard: Survey, prefix: str = '', style:
     style : int
         How it is drawn, below `STYLES`.
     """
-    corners = _points(shape['vertices'])
-    canvas = _Canvas(name, [corners], heard, f'Outline {prefix}'.strip(), _in_words(shape, prefix))
-    canvas.ring(corners, f'outline style{style % STYLES}')
+    rings, walls = _rings(shape), shape.get('inner_walls', ())
+    canvas = _Canvas(name, rings, heard, f'Outline {prefix}'.strip(), _in_words(shape, prefix))
+    canvas.rings(rings, f'outline style{style % STYLES}')
+    for wall in walls:
+        canvas.stretch(_ends(wall), 'inner-wall')
     canvas.surroundings(heard)
-    canvas.sizes(corners, shape['edges'], prefix)
+    canvas.sizes(rings[0], shape['edges'], prefix)
+    for k, hole in enumerate(rings[1:]):
+        canvas.name_hole(hole, f'H{k}')
+    for k, wall in enumerate(walls):
+        canvas.name_stretch(_ends(wall), f'W{k}')
     return canvas.finished(heard)
+
+
+def hole_svg(name: str, hole: Shape, heard: Survey, prefix: str) -> str:
+    """Draw one hole by itself with its sizes, of which the angles stand in the material around it."""
+    corners = _points(hole['vertices'])
+    alone = dataclasses.replace(heard, path=np.zeros((0, 2)), start=None, truth=None)
+    canvas = _Canvas(name, [corners], alone, f'Hole {prefix}'.rstrip('.'), _in_words(hole, prefix, 'Hole', 'clockwise'))
+    canvas.rings([corners], 'outline hole')
+    canvas.sizes(corners, hole['edges'], prefix)
+    return canvas.finished(alone)
 
 
 def candidates_svg(name: str, shapes: Sequence[Shape], heard: Survey) -> str:
@@ -65,7 +82,7 @@ def candidates_svg(name: str, shapes: Sequence[Shape], heard: Survey) -> str:
     canvas = _Canvas(name, rings, heard, 'All candidates', f'{len(rings)} outlines that fit the echoes, on top of each '
                      'other in different strokes; each is measured below.')
     for k, ring in enumerate(rings):
-        canvas.ring(ring, f'outline style{k % STYLES}')
+        canvas.rings([ring], f'outline style{k % STYLES}')
     canvas.surroundings(heard)
     for k, ring in enumerate(rings):
         canvas.letter(ring, LETTERS[k % len(LETTERS)], k)
@@ -91,24 +108,37 @@ def walls_svg(name: str, walls: Sequence[Mapping[str, Any]], heard: Survey) -> s
     return canvas.finished(heard)
 
 
-def thumbnail_svg(name: str, title: str, rings: Sequence[NDArray[np.float64]]) -> str:
+def thumbnail_svg(name: str, title: str, shapes: Sequence[Shape]) -> str:
     """Draw outlines as small as an icon."""
-    points = np.vstack(rings)
+    points = np.vstack([_points(shape['vertices']) for shape in shapes])
     low, size = points.min(axis=0), max(float(np.ptp(points, axis=0).max()), 1e-9)
     middle = low + 0.5 * np.ptp(points, axis=0)
     root = drawing(48.0, 48.0, name, title, 'Outline, drawn to fit.')
-    for k, ring in enumerate(rings):
-        add(root, 'path', class_=f'outline style{k % STYLES}',
-            d=path_data(24.0 + 42.0 / size * (ring - middle) * (1.0, -1.0), closed=True))
+    for k, shape in enumerate(shapes):
+        add(root, 'path', class_=f'outline style{k % STYLES}', d=''.join(
+            path_data(24.0 + 42.0 / size * (ring - middle) * (1.0, -1.0), closed=True) for ring in _rings(shape)))
     return markup(root)
 
 
-def _in_words(shape: Shape, prefix: str) -> str:
+def _rings(shape: Shape) -> list[NDArray[np.float64]]:
+    """Corners of the outline and of its holes; drawn together they leave the holes unfilled."""
+    return [_points(ring['vertices']) for ring in (shape, *shape.get('holes', ()))]
+
+
+def _ends(wall: Shape) -> NDArray[np.float64]:
+    return _points([wall['start'], wall['end']])
+
+
+def _in_words(shape: Shape, prefix: str, kind: str = 'Polygon', way: str = 'counter-clockwise') -> str:
     """The picture for those who do not see it."""
     edges = shape['edges']
     sides = '; '.join(f'edge {prefix}{i}: {fixed(edge["length"], 4)} m long, inner angle at its start '
                       f'{fixed(np.rad2deg(edge["angle"]), 1)} degrees' for i, edge in enumerate(edges))
-    return f'Polygon of {len(edges)} edges, counter-clockwise. {sides}. The tables below have all numbers.'
+    inside = [f'{what} {letter}{k}' for what, letter, found in (
+        ('hole', 'H', shape.get('holes', ())), ('inner wall', 'W', shape.get('inner_walls', ())))
+        for k in range(len(found))]
+    told = f' Inside: {", ".join(inside)}.' if inside else ''
+    return f'{kind} of {len(edges)} edges, {way}. {sides}.{told} The tables below have all numbers.'
 
 
 class _Canvas:
@@ -131,11 +161,17 @@ class _Canvas:
         half = 0.5 * np.array([_WIDTH, self._height])
         return np.asarray(half + self._scale * (points - self._middle) * (1.0, -1.0), dtype=float)
 
-    def ring(self, corners: NDArray[np.float64], kind: str) -> None:
-        """A closed outline."""
-        placed = self.place(corners)
-        add(self._root, 'path', class_=kind, d=path_data(placed, closed=True))
-        self._ink += [_dense(placed, np.roll(placed, -1, axis=0))]
+    def rings(self, rings: Sequence[NDArray[np.float64]], kind: str) -> None:
+        """A closed outline and its holes."""
+        placed = [self.place(ring) for ring in rings]
+        add(self._root, 'path', class_=kind, d=''.join(path_data(ring, closed=True) for ring in placed))
+        self._ink += [_dense(ring, np.roll(ring, -1, axis=0)) for ring in placed]
+
+    def stretch(self, ends: NDArray[np.float64], kind: str) -> None:
+        """A line from one place to another."""
+        placed = self.place(ends)
+        add(self._root, 'path', class_=kind, d=path_data(placed))
+        self._ink += [_dense(placed[:1], placed[1:])]
 
     def line(self, foot: NDArray[np.float64], normal: NDArray[np.float64], kind: str) -> None:
         """An endless line, as far as it is within the drawing."""
@@ -147,7 +183,7 @@ class _Canvas:
     def surroundings(self, heard: Survey) -> None:
         """Truth, path and start."""
         if heard.truth is not None:
-            self.ring(heard.truth, 'truth')
+            self.rings([heard.truth], 'truth')
         path = _thinned(self.place(heard.path))
         add(self._root, 'path', class_='path', d=path_data(path))
         self._ink.append(path)
@@ -170,17 +206,18 @@ class _Canvas:
         self._taken.append(Box(x - 8.0, y - 8.0, x + 8.0, y + 8.0))
 
     def sizes(self, corners: NDArray[np.float64], edges: Sequence[Mapping[str, Any]], prefix: str) -> None:
-        """Lengths outside along the edges, inner angles in the corners."""
+        """Lengths outside along the edges of a ring, inner angles in the corners: around a hole, which is clockwise."""
         placed = self.place(corners)
         ahead = _units(np.roll(placed, -1, axis=0) - placed)
-        outward = np.column_stack((-ahead[:, 1], ahead[:, 0])) * _side(placed)
+        side = _side(placed)
+        outward = np.column_stack((-ahead[:, 1], ahead[:, 0])) * side
         for i, edge in enumerate(edges):
             start, end = placed[i], placed[(i + 1) % len(placed)]
             spots = [Place(*(start + share * (end - start) + gap * outward[i]), *outward[i])
                      for gap in (9.0, 34.0, 60.0) for share in (0.5, 0.4, 0.6, 0.28, 0.72)]
             length = fixed(edge['length'], digits_for(edge['length_std'], 2, 5, figures=1))
             self.label(spots, [f'{length} m', *_second(spread(edge['length_std'], 1e3, 'mm'))], f'{prefix}{i}')
-        inward = _units(-outward - np.roll(outward, 1, axis=0))
+        inward = side * _units(-outward - np.roll(outward, 1, axis=0))
         for i, edge in enumerate(edges):
             spots = [Place(*(placed[i] + abs(gap) * way), *way) for gap, turns in _ASIDE for turn in turns
                      for way in [math.copysign(1.0, gap) * _rotated(inward[i], turn)]]
@@ -196,6 +233,19 @@ class _Canvas:
         middles = 0.5 * (placed + np.roll(placed, -1, axis=0)) + 9.0 * outward
         order = np.roll(np.arange(len(ring)), -k)
         self.label([Place(*middles[i], *outward[i]) for i in order], [''], letter, f' letter{k % STYLES}')
+
+    def name_hole(self, ring: NDArray[np.float64], mark: str) -> None:
+        """A hole's name in its middle, or beside it."""
+        placed = self.place(ring)
+        (x, y), half = placed.mean(axis=0), 0.5 * np.ptp(placed, axis=0) + 8.0
+        self.label([Place(x, y, 0.0, 0.0), *(Place(x + half[0] * dx, y + half[1] * dy, dx, dy) for dx, dy in (
+            (1.0, 0.0), (-1.0, 0.0), (0.0, -1.0), (0.0, 1.0)))], [''], mark)
+
+    def name_stretch(self, ends: NDArray[np.float64], mark: str) -> None:
+        """A name beside a line from one place to another."""
+        ((along,),) = np.diff(ends, axis=0)[None] / max(float(np.hypot(*np.diff(ends, axis=0)[0])), 1e-12)
+        self.label([_along(self.place(ends[0] + share * (ends[1] - ends[0])), along, gap)
+                    for share in (0.5, 0.3, 0.7, 0.15, 0.85) for gap in (10.0, -10.0)], [''], mark)
 
     def label(self, spots: Sequence[Place], lines: Sequence[str], mark: str = '', kind: str = '') -> None:
         """Text of some lines at the best of some places, with a number in bold before it."""

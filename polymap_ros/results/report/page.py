@@ -11,7 +11,7 @@ from polymap_ros.parameters import specifications
 from polymap_ros.results.report.beam_picture import Marked, beam_map_svg
 from polymap_ros.results.report.heard import Survey
 from polymap_ros.results.report.numbers import digits_for, fixed, spread
-from polymap_ros.results.report.outline import LETTERS, candidates_svg, outline_svg, walls_svg
+from polymap_ros.results.report.outline import LETTERS, candidates_svg, hole_svg, outline_svg, walls_svg
 from polymap_ros.results.report.templating import rendered
 
 Document = Mapping[str, Any]
@@ -105,10 +105,12 @@ def _facts(document: Document, warnings: int) -> Iterator[Fact]:
     """The answer in short."""
     if document['status'] == 'closed':
         extent = np.ptp(np.asarray(document['vertices']), axis=0)
+        holes, walls = document.get('holes', ()), document.get('inner_walls', ())
         yield Fact('Edges', str(len(document['edges'])))
-        yield Fact('Area', *area(document))
+        yield from (Fact(name, str(len(found))) for name, found in (('Holes', holes), ('Inner walls', walls)) if found)
+        yield Fact('Area without the holes' if holes else 'Area', *area(document))
         yield Fact('Extent', f'{extent[0]:.4g} × {extent[1]:.4g} m')
-        yield Fact('Least likelihood', fixed(min(edge['likelihood'] for edge in document['edges']), 3))
+        yield Fact('Least likelihood', fixed(min(edge['likelihood'] for edge in _edges_of(document)), 3))
     elif document['status'] == 'ambiguous':
         yield Fact('Candidates', str(len(document['alternatives'])))
     else:
@@ -142,7 +144,8 @@ def _overview(document: Document, shapes: Sequence[tuple[str, Mapping[str, Any]]
 
 def _legend(document: Document, heard: Survey) -> list[tuple[str, str]]:
     kinds = {
-        'closed': [('outline style0', 'outline')],
+        'closed': [('outline style0', 'outline and holes' if document.get('holes') else 'outline'),
+                   *([('inner-wall', 'inner wall')] if document.get('inner_walls') else [])],
         'ambiguous': [(f'outline style{k % 3}', f'candidate {LETTERS[k % len(LETTERS)]}')
                       for k in range(len(document['alternatives']))],
         'open': [('wall', 'certain wall')] if document['walls'] else [],
@@ -165,8 +168,8 @@ def _drawn(document: Document) -> str:
 
 
 def _edges_of(document: Document) -> list[Mapping[str, Any]]:
-    shapes = [document, *document.get('alternatives', [])]
-    return [edge for shape in shapes for edge in shape.get('edges') or []]
+    shapes = [document, *document.get('holes', []), *document.get('alternatives', [])]
+    return [*(edge for shape in shapes for edge in shape.get('edges') or []), *document.get('inner_walls', [])]
 
 
 def _parts(
@@ -177,14 +180,21 @@ def _parts(
         heading = f'Candidate {letter}: {len(shape["edges"])} edges, {" ".join(area(shape))}'.rstrip()
         yield Part(heading if letter else '', svg,
                    [_edges(shape['edges'], letter), _corners(shape, letter)])
+    for k, hole in enumerate(document.get('holes', ())):
+        yield Part(f'Hole H{k}: {len(hole["edges"])} edges, {" ".join(area(hole))}'.rstrip(),
+                   hole_svg(f'hole-{k}', hole, heard, f'H{k}.'),
+                   [_edges(hole['edges'], f'H{k}.', 'clockwise'),
+                    _corners(hole, f'H{k}.', '; angles are within the material')])
+    if walls := document.get('inner_walls'):
+        yield Part('Inner walls', '', _inner_walls(walls))
     if document['status'] == 'open' and document['walls']:
         yield Part('', '', [_walls(document['walls'])])
 
 
-def _edges(edges: Sequence[Mapping[str, Any]], letter: str) -> Table:
+def _edges(edges: Sequence[Mapping[str, Any]], letter: str, way: str = 'counter-clockwise') -> Table:
     rows = [[f'{letter}{i}', Measured(f'{fixed(edge["length"], 5)} m', spread(edge['length_std'], 1e3, 'mm')),
              *_line(edge)] for i, edge in enumerate(edges)]
-    return Table('Edges, counter-clockwise; each lies on the line x cos θ + y sin θ = r',
+    return Table(f'Edges, {way}; each lies on the line x cos θ + y sin θ = r',
                  ('Edge', 'Length', 'r', 'θ', 'Likelihood', 'Pings'), rows)
 
 
@@ -194,6 +204,17 @@ def _walls(walls: Sequence[Mapping[str, Any]]) -> Table:
     rows = [[str(i), *_line(wall), *([_mirror(wall.get('mirror'))] if mirrored else [])]
             for i, wall in enumerate(walls)]
     return Table('Walls, each on the line x cos θ + y sin θ = r; how far they reach is not known', columns, rows)
+
+
+def _inner_walls(walls: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """What they do to an echo, and their lines."""
+    ends = [[f'W{i}', *(f'{fixed(value, 3)} m' for value in (*wall['start'], *wall['end'])),
+             fixed(wall['reflection'], 3), fixed(wall['transmission'], 3)] for i, wall in enumerate(walls)]
+    return [Table('Where they are heard to start and to end, known less well than the lines, and what they reflect and '
+                  'let through of the amplitude',
+                  ('Wall', 'From x', 'From y', 'To x', 'To y', 'Reflects', 'Lets through'), ends),
+            Table('Lines, x cos θ + y sin θ = r', ('Wall', 'r', 'θ', 'Likelihood', 'Pings'),
+                  [[f'W{i}', *_line(wall)] for i, wall in enumerate(walls)])]
 
 
 def _mirror(image: Mapping[str, Any] | None) -> str:
@@ -210,20 +231,25 @@ def _line(edge: Mapping[str, Any]) -> list[Cell]:
             fixed(edge['likelihood'], 3), edge['pings']]
 
 
-def _corners(shape: Mapping[str, Any], letter: str) -> Table:
+def _corners(shape: Mapping[str, Any], letter: str, more: str = '') -> Table:
     rows = []
     for i, ((x, y), edge) in enumerate(zip(shape['vertices'], shape['edges'], strict=True)):
         angle_std = None if edge['angle_std'] is None else math.degrees(edge['angle_std'])
         angle = Measured(f'{fixed(math.degrees(edge["angle"]), 3)}°', spread(angle_std, 1.0, '°'))
         rows.append((f'{letter}{i}', f'{fixed(x, 5)} m', f'{fixed(y, 5)} m', angle))
-    return Table('Corners; each edge begins at the corner of its number', ('Corner', 'x', 'y', 'Inner angle'), rows)
+    return Table(f'Corners; each edge begins at the corner of its number{more}',
+                 ('Corner', 'x', 'y', 'Inner angle'), rows)
 
 
 def _marked(document: Document, shapes: Sequence[tuple[str, Mapping[str, Any]]]) -> list[Marked]:
     lines = [(f'{letter}{i}', edge, k) for k, (letter, shape) in enumerate(shapes)
              for i, edge in enumerate(shape['edges'])]
     lines += [(str(i), wall, 0) for i, wall in enumerate(document['walls'])] if document['status'] == 'open' else []
-    return [Marked(name, line['r'], line['theta'], style) for name, line, style in lines]
+    lines += [(f'H{k}.{i}', edge, 0) for k, hole in enumerate(document.get('holes', ()))
+              for i, edge in enumerate(hole['edges'])]
+    inner = [Marked(f'W{k}', wall['r'], wall['theta'], both_sides=True)
+             for k, wall in enumerate(document.get('inner_walls', ()))]
+    return [*(Marked(name, line['r'], line['theta'], style) for name, line, style in lines), *inner]
 
 
 def _pings(counts: Mapping[str, Any], heard: Survey) -> Table:

@@ -14,7 +14,7 @@ from polymap_ros.maps.beamforming import BeamformingMap
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.polygon_json import encode, polygon_document
 from polymap_ros.results.report.heard import Survey
-from polymap_ros.solvers.estimate import Candidate, Caution, Edge, Estimate
+from polymap_ros.solvers.estimate import Candidate, Caution, Edge, Estimate, InnerWall
 
 COUNTS = PingCounts(received=60, used=52, dropped={'no_pose': 5, 'stale': 2})
 CAUTION = Caution('unheard_corner', 'no echo has been near corner 2')
@@ -57,6 +57,8 @@ def document(estimate, frame_id='odom', recording='square_room', parameters=None
 
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.8], [0.0, 0.8]])
+SLOT = np.array([[0.12, 0.1], [0.1, 0.2], [0.6, 0.22], [0.6, 0.1]])
+EDGE = Edge(-0.749, 0.04 - math.pi, 0.96, 1e-4, 2e-4, 12)
 MIRRORED = SQUARE * (1.0, -1.0) + (0.0, 0.7)
 PLACES = {
     'square': SQUARE, 'triangle': regular(3, 0.2), 'ten': regular(10, 2.0), 'hall': regular(6, 48.0, turn=0.1),
@@ -74,6 +76,10 @@ def answers():
                                  cautions=(CAUTION,) if name == 'square' else ()), parameters=parameters),
                heard_within(corners))
         for name, corners in PLACES.items()}
+    seam = InnerWall(np.array([0.75, 0.02]), np.array([0.72, 0.78]), EDGE, -0.25, 0.93)
+    holes = polygon(SLOT), polygon(regular(5, 0.12, 0.85, 0.6)[::-1])
+    found['pierced'] = document(Estimate(
+        'closed', 'evidence', polygon=polygon(SQUARE), holes=holes, inner_walls=(seam,))), heard_within(SQUARE)
     both = tuple(polygon(corners) for corners in (SQUARE, MIRRORED[::-1]))
     found['ambiguous'] = (document(Estimate('ambiguous', 'evidence', alternatives=both, cautions=(CAUTION,))),
                           heard_within(SQUARE))

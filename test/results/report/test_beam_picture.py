@@ -10,6 +10,7 @@ import pytest
 
 from polymap_ros.results.report.beam_picture import Marked, beam_map_svg, png
 from polymap_ros.results.report.heard import Survey
+from polymap_ros.solvers.estimate import Edge
 
 Image = pytest.importorskip('PIL.Image')
 
@@ -42,6 +43,14 @@ def test_the_bright_places_are_framed(pages):
         rows = slice(*(np.array([y - top, y + h - top]) / height * light.shape[0]).round().astype(int))
         columns = slice(*(np.array([x - left, x + w - left]) / width * light.shape[1]).round().astype(int))
         assert light[rows, columns].max() > 0.9 * light.max()
+
+
+def test_a_wall_that_is_heard_from_both_sides_is_framed_on_the_one_that_the_map_has(pages):
+    _, heard = pages['square']
+    away = Edge(-0.3, 1.0, 1.0).moved(heard.start)
+    svg = [beam_map_svg('a', heard, [Marked('W0', away.r, away.theta, both_sides=both)]) for both in (False, True)]
+    assert [each.count('mark-front') for each in svg] == [0, 1]
+    assert f'W0 at 0.300 m and {180.0 + np.rad2deg(1.0):.1f} degrees' in svg[1]
 
 
 def test_large_maps_are_reduced_without_losing_a_peak():

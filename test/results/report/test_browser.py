@@ -8,7 +8,7 @@ import pytest
 from polymap_ros.results.report.index import Row, index_html
 from polymap_ros.results.report.page import report_html
 
-KINDS = ('square', 'ten', 'long', 'utm', 'ambiguous', 'open', 'silent', 'index')
+KINDS = ('square', 'ten', 'long', 'utm', 'pierced', 'ambiguous', 'open', 'silent', 'index')
 LONG = 'warehouse_north_' * 12
 
 CONTRAST = """(() => {
@@ -90,7 +90,7 @@ def test_no_page_is_wider_than_the_screen(browser, files, kind, width):
     assert browser.value(beyond) == []
 
 
-@pytest.mark.parametrize('kind', ['square', 'ambiguous', 'open', 'index'])
+@pytest.mark.parametrize('kind', ['square', 'pierced', 'ambiguous', 'open', 'index'])
 @pytest.mark.parametrize(('scheme', 'medium'), [('light', 'screen'), ('dark', 'screen'), ('dark', 'print')])
 def test_all_text_stands_out_from_its_ground(browser, files, kind, scheme, medium):
     browser.open(files[kind], scheme=scheme, medium=medium)

@@ -6,9 +6,10 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 import pytest
+import shapely
 
 from polymap_ros.results.report import labels
-from polymap_ros.results.report.outline import candidates_svg, outline_svg, thumbnail_svg, walls_svg
+from polymap_ros.results.report.outline import candidates_svg, hole_svg, outline_svg, thumbnail_svg, walls_svg
 
 CLOSED = ('square', 'triangle', 'ten', 'hall', 'long', 'high', 'utm')
 SQUARE_PATH = np.array([[0.3, 0.2], [0.6, 0.2], [0.6, 0.5]])
@@ -66,6 +67,47 @@ def test_edges_and_corners_are_labelled_with_deviations(pages):
     assert found[:4] == [f'B{i} {length} m± 0.{std} mm' for i, (length, std) in enumerate(
         2 * [('1.0000', '30'), ('0.8000', '32')])]
     assert found[4:8] == 4 * ['90.00°± 0.016°']
+
+
+def rings_of(node):
+    return [points_of(ElementTree.Element('path', d=part)) for part in node.get('d').split('Z') if part]
+
+
+def test_holes_are_left_unfilled_and_named_with_the_inner_walls(pages):
+    document, heard = pages['pierced']
+    root = read(outline_svg('a', document, heard))
+    [outline] = of_class(root, 'outline')
+    first, *inner = rings_of(outline)
+    drawn = shapely.Polygon(first, inner)
+    assert drawn.is_valid
+    assert drawn.exterior.is_ccw is not drawn.interiors[0].is_ccw  # so that SVG's rule for filling leaves them out
+    scale = np.ptp(drawn.exterior.coords, axis=0)[0] / 1.0
+    assert drawn.area == pytest.approx(document['area'] * scale**2, rel=1e-3)
+    [seam] = of_class(root, 'inner-wall')
+    assert np.hypot(*np.diff(points_of(seam), axis=0)[0]) == pytest.approx(scale * math.hypot(0.03, 0.76), abs=0.02)
+    assert texts(root)[8:11] == ['H0', 'H1', 'W0']
+    assert 'Inside: hole H0, hole H1, inner wall W0.' in root.find('desc').text
+
+
+def test_a_hole_is_drawn_by_itself_with_its_sizes_around_it(pages, monkeypatch):
+    boxes = []
+
+    def best(places, lines, taken, ink):
+        found = labels.best(places, lines, taken, ink)
+        boxes.append(found[1])
+        return found
+
+    monkeypatch.setattr('polymap_ros.results.report.outline.best', best)
+    document, heard = pages['pierced']
+    for hole in document['holes']:
+        boxes.clear()
+        root = read(hole_svg('a', hole, heard, 'H0.'))
+        ring = shapely.Polygon(points_of(of_class(root, 'hole')[0]))
+        assert [text.split()[0] for text in texts(root)[:len(hole['edges'])]] == [
+            f'H0.{i}' for i in range(len(hole['edges']))]
+        assert texts(root)[len(hole['edges'])].startswith(f'{math.degrees(hole["edges"][0]["angle"]):.2f}°')
+        assert max(shapely.box(*box).intersection(ring).area for box in boxes) < 200.0
+        assert not of_class(root, 'path')
 
 
 def test_a_deviation_that_is_not_known_is_left_out(pages):
@@ -133,8 +175,13 @@ def test_a_path_of_thousands_of_pings_stays_small(pages):
     assert len(svg) < 100_000
 
 
+def test_a_thumbnail_has_the_holes(pages):
+    [outline] = of_class(read(thumbnail_svg('a', 'b', [pages['pierced'][0]])), 'outline')
+    assert outline.get('d').count('Z') == 3
+
+
 def test_a_thumbnail_fits_its_frame():
     for scale in (0.2, 48.0, 5e6):
-        points = points_of(of_class(read(thumbnail_svg('a', 'b', [scale * SQUARE_PATH])), 'outline')[0])
+        points = points_of(of_class(read(thumbnail_svg('a', 'b', [{'vertices': scale * SQUARE_PATH}])), 'outline')[0])
         assert points.min() >= 2.9
         assert points.max() <= 45.1

@@ -2,6 +2,7 @@
 
 import dataclasses
 import html
+import math
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -30,7 +31,7 @@ def words(text):
     return ' '.join(' '.join(parsed(text).find('body').itertext()).split())
 
 
-@pytest.mark.parametrize('name', ['square', 'ten', 'utm', 'ambiguous', 'open', 'silent'])
+@pytest.mark.parametrize('name', ['square', 'ten', 'utm', 'pierced', 'ambiguous', 'open', 'silent'])
 def test_every_answer_has_a_page_of_balanced_tags_and_unique_names(pages, made, name):
     text = page(pages[name], [made.caution])
     root = parsed(text)
@@ -57,6 +58,26 @@ def test_the_numbers_are_those_of_the_document(pages, made):
     assert 'dropped: no_pose Number 5 The last of them no odometry after 12.3 s' in found
     assert 'medium.model Value constant Default lamb_a0' in found
     assert 'grid.range_step_m' not in found
+
+
+def test_holes_and_inner_walls_are_counted_drawn_and_measured(pages):
+    document, _ = pages['pierced']
+    text = page(pages['pierced'])
+    found = words(text)
+    assert 'Edges 4 Holes 2 Inner walls 1 Area without the holes' in found
+    assert f'{document["area"]:.5f} m²' in found
+    assert 'Least likelihood 0.960' in found
+    for k, hole in enumerate(document['holes']):
+        assert f'Hole H{k}: {len(hole["edges"])} edges, {hole["area"]:.5f} m²' in found
+        for i, ((x, y), edge) in enumerate(zip(hole['vertices'], hole['edges'], strict=True)):
+            assert f'Edge H{k}.{i} Length {edge["length"]:.5f} m' in found
+            assert (f'Corner H{k}.{i} x {x:.5f} m y {y:.5f} m Inner angle {math.degrees(edge["angle"]):.3f}°') in found
+    assert ('Wall W0 From x 0.750 m From y 0.020 m To x 0.720 m To y 0.780 m Reflects -0.250 Lets through 0.930'
+            ) in found
+    assert 'Wall W0 r -0.74900 m' in found
+    assert 'outline and holes inner wall path and pings' in found
+    assert 'W0 at ' in found
+    assert not {'Holes', 'Inner walls'} & set(words(page(pages['square'])).split())
 
 
 def test_an_ambiguous_answer_shows_every_candidate(pages):
