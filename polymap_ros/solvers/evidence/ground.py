@@ -19,6 +19,7 @@ from polymap_ros.solvers.evidence.tuning import (
     EDGE_WORTH,
     ENOUGH,
     EXPLAINED,
+    FAR_AROUND_CORNERS,
     FAR_ORDER,
     FEW,
     FULL_ORDER,
@@ -93,7 +94,8 @@ class Ground:
         share = self.as_modelled(wave)
         if share > ALL_EXPLAINED:
             return share
-        return max(share, _taken_away(self.data, self.wave.by_order(wave, FAR_ORDER)[1]))
+        far = FAR_ORDER if wave.walls.convex_outline else FAR_AROUND_CORNERS
+        return max(share, _taken_away(self.data, self.wave.by_order(wave, far)[1]))
 
     def as_modelled(self, wave: Wave) -> float:
         """Return the same with each order as strong as the waveform has it, and none that it leaves out."""

@@ -38,11 +38,12 @@ from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_start
 from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
+    ANOTHER_POLYGON,
     COHERENT,
     DIFFERENT,
     EXPLAINED,
     FULL_ORDER,
-    HEARD_THROUGH,
+    HOLE_WORTH,
     HOLES,
     IN_PHASE,
     PHASED,
@@ -230,21 +231,32 @@ class Search(Ground):
         loose = self.wave.refine(wave.with_walls(free(wave.walls)), FULL_ORDER)
         return None if loose is None else self.changed(power, loose)
 
-    def furnished(self, found: Found) -> Iterator[Found]:
-        """Give what an outline may be with something inside: inner walls, then one hole, two and so on."""
+    def heard_through(self, found: Found) -> Found | None:
+        """Return an outline with the walls that stand inside and let waves through; None where none is found."""
+        if found.wave is None:
+            return None
         self.checkpoint()
-        if found.wave is not None and found.explained > HEARD_THROUGH:
-            wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
-            furnished = None if wave is None else self.changed(found.power, wave)
-            if furnished is not None:
-                yield furnished
-        power: Power | None = found.power
+        wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
+        return None if wave is None else self.changed(found.power, wave)
+
+    def pierced(self, found: Found) -> Iterator[Found]:
+        """Give what an outline may be with one hole, as long as that is worth clearly more, with two and so on."""
+        fitted = self.power.fitted(found.walls, found.power, SEARCH_ORDER)
+        least = HOLE_WORTH * ((fitted.value if fitted else np.inf) - self.nothing.value) + self.nothing.value
+        power = found.power
         for _ in range(HOLES):
-            power = with_hole(self, power)
-            pierced = None if power is None else self.settle(power)
-            if power is None or pierced is None:
+            self.checkpoint()
+            more = with_hole(self, power)
+            if more is None or more.value < least:
                 return
-            yield pierced
+            settled = self.settle(more)
+            if settled is not None:
+                yield settled
+            # Without the hole, its echoes may have bent the outline.
+            power, least = improved(self, more, SEARCH_ORDER, np.empty((0, 2)), residual=True), -np.inf
+            settled = self.settle(power) if power.value > more.value + ANOTHER_POLYGON else None
+            if settled is not None:
+                yield settled
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""

@@ -1,7 +1,7 @@
 """``solver.method: evidence``: the polygon whose predicted echoes explain what was heard."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,12 +149,15 @@ class EvidenceSolver:
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
-            best = self._furnished(reported, best)
+            best = self._heard_through(reported, best)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ring = self._ring(reported, best, enough)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return reported, ring, None
                 self._unsure_ring = ring
+                best = self._pierced(reported, best)
+                if _explains(reported, best, EXPLAINED - reported.uncertainty):
+                    return reported, best, None
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
@@ -171,15 +174,30 @@ class EvidenceSolver:
                 best = mended
         return search, best, track and best and track.with_found(best)
 
-    def _furnished(self, search: Search, found: Found | None) -> Found | None:
-        """The answer with what stands inside the outline, where that explains what the outline leaves."""
-        asked_for = self._parameters.solver.outline == 'auto' and IS_COMPILED
-        if found is None or not asked_for or found.explained > ALL_EXPLAINED:
+    def _heard_through(self, search: Search, found: Found | None) -> Found | None:
+        """The answer with walls that stand inside, where they explain what the outline leaves."""
+        if found is None or not self._beyond_convex(search) or found.explained > ALL_EXPLAINED:
             return found
-        for furnished in search.furnished(found):
-            if _explains(search, furnished, EXPLAINED - search.uncertainty):
-                return furnished
-        return found
+        return self._explaining(search, found, iter((search.heard_through(found),)))
+
+    def _pierced(self, search: Search, found: Found | None) -> Found | None:
+        """The answer with holes, where they explain what the outline leaves."""
+        if found is None or not self._beyond_convex(search):
+            return found
+        return self._explaining(search, found, search.pierced(found))
+
+    def _explaining(self, search: Search, found: Found, others: Iterator[Found | None]) -> Found:
+        """The first of others that explains the echoes, or what was found before."""
+        enough = EXPLAINED - search.uncertainty
+        return next((each for each in others if each is not None and _explains(search, each, enough)), found)
+
+    def _beyond_convex(self, search: Search) -> bool:
+        """Whether outlines that are not convex, or have something inside, are asked for and can be found.
+
+        Few pings do not tell one, nor does power alone; without compiled kernels the search would take hours.
+        """
+        asked_for = self._parameters.solver.outline == 'auto'
+        return asked_for and search.coherent and IS_COMPILED and len(search.data.positions) >= _RINGS_FROM
 
     def _storey(self, reported: Search) -> tuple[Storey, float]:
         """Floor and ceiling that all pings hear, of a room, and the strength of their echoes; a plate has none."""
@@ -187,12 +205,9 @@ class EvidenceSolver:
         return storey_heard(reported.data) if in_room else (Storey(), 0.0)
 
     def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:
-        """The best outline that need not be convex, from the reported poses; None where there is none.
-
-        Few pings do not tell one, nor does power alone; without compiled kernels the search would take hours.
-        """
-        best, asked_for = None, self._parameters.solver.outline == 'auto'
-        if not (asked_for and reported.coherent and IS_COMPILED and len(reported.data.positions) >= _RINGS_FROM):
+        """The best outline that need not be convex, from the reported poses; None where there is none."""
+        best = None
+        if not self._beyond_convex(reported):
             return None
         for ring in reported.rings(convex):
             if best is None or ring.value > best.value:

@@ -32,6 +32,20 @@ class SquareWalls(Walls):
         _, group = np.unique(np.delete(self.group, wall), return_inverse=True)
         return replace(super().without(wall), group=group)
 
+    def _longer(self, lines: NDArray[np.float64], reflection: float, at: int) -> Self:
+        """Return the walls and others that turn together."""
+        more = np.full(len(lines), int(self.group.max()) + 1)
+        return replace(super()._longer(lines, reflection, at), group=np.insert(self.group, at, more))
+
+    def with_outline(self, lines: NDArray[np.float64], reflection: NDArray[np.float64]) -> Walls:
+        """Return what stands inside, tied as it is, in another outline, whose walls are each by themselves."""
+        inner = self.group[self.ring:]
+        if not len(inner):
+            return super().with_outline(lines, reflection)
+        _, group = np.unique(np.concatenate((-1 - np.arange(len(lines)), inner)), return_inverse=True)
+        other = super().with_outline(lines, reflection)
+        return SquareWalls(other.lines, other.reflection, other.delay, other.interior, group)
+
     def with_line(self, line: NDArray[np.float64], reflection: float = 1.0) -> Walls:  # type: ignore[override]
         """Return the walls and one more, each by itself: it belongs to no group."""
         return free(self).with_line(line, reflection)
@@ -89,6 +103,16 @@ class SquareWalls(Walls):
 def free(walls: Walls) -> Walls:
     """Return the same walls, each by itself."""
     return Walls(walls.lines, walls.reflection, walls.delay, walls.interior) if isinstance(walls, SquareWalls) else walls
+
+
+def tied_hole(walls: Walls, lines: NDArray[np.float64]) -> SquareWalls:
+    """Return the walls and those of a rectangular hole (4, 2), clockwise, which turn together.
+
+    What few feet know of one of them, the others know better.
+    """
+    known = walls.group if isinstance(walls, SquareWalls) else np.arange(len(walls))
+    tied = SquareWalls(walls.lines, walls.reflection, walls.delay, walls.interior, known)
+    return tied.with_hole(lines)
 
 
 def squared(walls: Walls) -> SquareWalls | None:

@@ -149,6 +149,12 @@ class Walls:
         delay = np.append(self.delay, 0.0) if len(self.delay) else None
         return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay)
 
+    def with_outline(self, lines: NDArray[np.float64], reflection: NDArray[np.float64]) -> 'Walls':
+        """Return what stands inside in another outline, the lines of which (m, 2) are in their order."""
+        inner = slice(self.ring, None)
+        return Walls(np.ascontiguousarray(np.vstack((lines, self.lines[inner]))),
+                     np.concatenate((reflection, self.reflection[inner])), interior=self.interior)
+
     def inserted(self, at: int, line: NDArray[np.float64], reflection: float) -> Self:
         """Return the walls and one more, between wall `at` - 1 and wall `at`."""
         return self._longer(line[None], reflection, at)

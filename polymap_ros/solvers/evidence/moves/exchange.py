@@ -64,12 +64,14 @@ def improved(ground: Ground, start: Power, order: int, pool: NDArray[np.float64]
 
 
 def with_line(ground: Ground, walls: Walls, line: NDArray[np.float64]) -> Walls | None:
-    """Return walls with one more, those left out that make no edge then; None where they bound no polygon."""
-    lines = bounding_lines(np.vstack((walls.lines, line)), ground.data.shortest_m)
+    """Return walls with one more in their convex outline, those left out that make no edge then; None where they bound
+    no polygon.
+    """
+    lines = bounding_lines(np.vstack((walls.outline, line)), ground.data.shortest_m)
     if not len(lines):
         return None
     known = {tuple(each): reflection for each, reflection in zip(walls.lines.tolist(), walls.reflection, strict=True)}
-    return Walls.convex(lines, np.array([known.get(tuple(each), 1.0) for each in lines.tolist()]))
+    return walls.with_outline(lines, np.array([known.get(tuple(each), 1.0) for each in lines.tolist()]))
 
 
 def _less_price(power: Power) -> float:
@@ -85,9 +87,9 @@ def _changes(
     walls = power.walls
     if residual:
         pool = np.vstack((
-            strongest_chords(ground.data, fitted.expected, fitted.strength, walls.lines, CHORDS), pool))
+            strongest_chords(ground.data, fitted.expected, fitted.strength, walls.outline, CHORDS), pool))
     trials = [with_line(ground, walls, line) for line in _promising(ground, fitted, pool, CHORDS, walls.lines)]
-    for wall in range(len(walls)):
+    for wall in range(walls.ring):
         fewer = ground.power.evaluate(walls.without(wall), fitted, order)
         if fewer is not None:
             trials.append(fewer.walls)
@@ -96,7 +98,7 @@ def _changes(
         else:  # nothing closes without it: exchange it for lines that face the same way
             facing = pool[np.abs(wrapped(pool[:, 1] - walls.lines[wall, 1])) < _FACING_RAD][:_FACING]
             trials += [with_line(ground, walls.without(wall), line) for line in facing]
-    allowed = [trial for trial in trials if trial is not None and len(trial) <= ground.max_edges]
+    allowed = [trial for trial in trials if trial is not None and trial.ring <= ground.max_edges]
     few = _best_first(allowed, lambda trial: ground.few_value(trial, fitted, order))
     return _best_first([trial for trial, _ in few[:SCORED]], lambda trial: ground.power.value(trial, fitted, order))
 
@@ -108,7 +110,7 @@ def _promising(
 
     Those that are no other wall than a better one, or than `other_than`, are left out: refined, they would be it.
     """
-    gains = chord_evidence(pool, power.walls.lines, feet_of(ground.data, power.expected, power.strength))
+    gains = chord_evidence(pool, power.walls.outline, feet_of(ground.data, power.expected, power.strength))
     chosen = list(other_than)
     for index in np.argsort(-gains, kind='stable'):
         if len(chosen) == most + len(other_than) or gains[index] <= LEAST_CHORD:

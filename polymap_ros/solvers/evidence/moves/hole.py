@@ -15,6 +15,7 @@ from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.oriented_lines import oriented_lines
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.rings import RingFeet, ring_feet
+from polymap_ros.solvers.evidence.square_walls import tied_hole
 from polymap_ros.solvers.evidence.tuning import PRICE, SEARCH_ORDER
 
 _CANDIDATES = 60
@@ -44,7 +45,7 @@ def with_hole(ground: Ground, power: Power) -> Power | None:
     trials = []
     for lines in _rectangles(ground, fitted):
         ground.checkpoint()
-        walls = power.walls.with_hole(lines)
+        walls = tied_hole(power.walls, lines)
         value = ground.few_value(walls, fitted, 2)
         if np.isfinite(value):
             trials.append((value, walls))

@@ -17,7 +17,7 @@ from polymap_ros.geometry.sides import Interior
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground, least_gain
 from polymap_ros.solvers.evidence.moves.standing import Standing
-from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, SEARCH_ORDER
+from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, HEARD_THROUGH, INNER_WALLS, SEARCH_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
 _SUPPOSED = 0.3
@@ -25,9 +25,6 @@ _SUPPOSED = 0.3
 
 _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most."""
-
-_FEET = 5
-"""Feet that an inner wall has at least."""
 
 _LISTED, _REFINED = 6, 2
 """Lines that are tried, the best that are a pulse's width apart, and how many of them are refined."""
@@ -49,7 +46,7 @@ class _Runs(NamedTuple):
 def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
     """Return the waveform with the inner wall that brings most of what is left, if that is enough to be sure."""
     wave = standing.wave
-    if len(wave.walls) >= ground.max_edges + len(wave.walls) - wave.walls.ring and len(wave.walls.interior.spans) > 2:
+    if standing.explained < HEARD_THROUGH or len(wave.walls.interior.spans) >= INNER_WALLS:
         return None
     trials = []
     for line, span, reflection in _inner_lines(ground, wave):
