@@ -43,6 +43,7 @@ from polymap_ros.solvers.evidence.tuning import (
     DIFFERENT,
     EXPLAINED,
     FULL_ORDER,
+    HALF,
     HOLE_WORTH,
     HOLES,
     IN_PHASE,
@@ -154,17 +155,22 @@ class Search(Ground):
                     break
             yield best
 
-    def rings(self, convex: Found | None) -> Iterator[Found]:
-        """Give outlines that need not be convex, as long as their start is worth clearly more than the convex one."""
+    def not_convex(self, convex: Found | None) -> Iterator[Found]:
+        """Give outlines that need not be convex, and the convex one with holes, as long as they are worth clearly more
+        than it is; holes first where they are worth far more.
+        """
         fitted = convex and self.power.fitted(convex.walls, convex.power, SEARCH_ORDER)
         nothing = self.nothing.value
-        least = RING_WORTH * ((fitted.value if fitted else nothing) - nothing)
-        known = -np.inf
+        hole = self.with_hole(convex) if convex else None
+        known, least = -np.inf, RING_WORTH * ((fitted.value if fitted else nothing) - nothing)
         for most in RING_LINES:
             self.checkpoint()
             start, pool = ring_start(self, most)
             if start is None or start.value - nothing < least or abs(start.value - known) < DIFFERENT:
-                return
+                break
+            if hole is not None and hole.value - nothing > HOLE_WORTH * (start.value - nothing):
+                yield from self.pierced(hole)
+                hole = None
             known = start.value
             found = self.settle(improved_ring(self, start, pool))
             if found is None:
@@ -174,6 +180,35 @@ class Search(Ground):
             found = self.settle(improved_ring(self, found.power, pool))
             if found is not None:
                 yield found
+        if hole is not None:
+            yield from self.pierced(hole)
+
+    def with_hole(self, found: Found) -> Power | None:
+        """Return an outline with the hole that is worth most by power, where it is worth clearly more than without."""
+        self.checkpoint()
+        fitted = self.power.fitted(found.walls, found.power, SEARCH_ORDER)
+        more = with_hole(self, found.power) if fitted else None
+        if fitted is None or more is None:
+            return None
+        nothing = self.nothing.value
+        return more if more.value - nothing > HOLE_WORTH * (fitted.value - nothing) else None
+
+    def pierced(self, power: Power) -> Iterator[Found]:
+        """Give what an outline may be with a hole, with two and so on."""
+        more: Power | None = power
+        for _ in range(HOLES):
+            if more is None:
+                return
+            settled = self.settle(more)
+            if settled is not None:
+                yield settled
+            # Without the hole, its echoes may have bent the outline.
+            power = improved(self, more, SEARCH_ORDER, np.empty((0, 2)), residual=True)
+            settled = self.settle(power) if power.value > more.value + ANOTHER_POLYGON else None
+            if settled is not None:
+                yield settled
+            self.checkpoint()
+            more = with_hole(self, power)
 
     def by_power(self, start: Start) -> Power:
         """Improve a start by single changes, by echoes of two orders, then of three."""
@@ -220,6 +255,8 @@ class Search(Ground):
         for _ in range(ROUNDS):
             self.checkpoint()
             standing = Standing(power, wave, self.explained(wave))
+            if standing.explained < HALF and not wave.walls.convex_outline:
+                break
             schedule = _schedule_of(wave.walls)
             changed = (move(self, standing) for move, below in schedule if standing.explained < below)
             better = next((each for each in changed if each is not None), None)
@@ -238,25 +275,6 @@ class Search(Ground):
         self.checkpoint()
         wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
         return None if wave is None else self.changed(found.power, wave)
-
-    def pierced(self, found: Found) -> Iterator[Found]:
-        """Give what an outline may be with one hole, as long as that is worth clearly more, with two and so on."""
-        fitted = self.power.fitted(found.walls, found.power, SEARCH_ORDER)
-        least = HOLE_WORTH * ((fitted.value if fitted else np.inf) - self.nothing.value) + self.nothing.value
-        power = found.power
-        for _ in range(HOLES):
-            self.checkpoint()
-            more = with_hole(self, power)
-            if more is None or more.value < least:
-                return
-            settled = self.settle(more)
-            if settled is not None:
-                yield settled
-            # Without the hole, its echoes may have bent the outline.
-            power, least = improved(self, more, SEARCH_ORDER, np.empty((0, 2)), residual=True), -np.inf
-            settled = self.settle(power) if power.value > more.value + ANOTHER_POLYGON else None
-            if settled is not None:
-                yield settled
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""

@@ -155,14 +155,13 @@ class EvidenceSolver:
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return reported, ring, None
                 self._unsure_ring = ring
-                best = self._pierced(reported, best)
-                if _explains(reported, best, EXPLAINED - reported.uncertainty):
-                    return reported, best, None
                 tracked = self._tracked(reported, chain, best, enough)
                 if tracked is not None:
                     search, best, track = tracked
                 elif _tells_more(ring, best):  # no convex one will do
                     return search, best, None
+            elif found is best and number > _TRACKED_AFTER:
+                best = self._pierced(reported, best)
             if apart or _explains(reported, best, enough):
                 return search, best, track
         if best is not None and heard >= _SCAN_AGAIN * self._scanned:
@@ -182,9 +181,8 @@ class EvidenceSolver:
 
     def _pierced(self, search: Search, found: Found | None) -> Found | None:
         """The answer with holes, where they explain what the outline leaves."""
-        if found is None or not self._beyond_convex(search):
-            return found
-        return self._explaining(search, found, search.pierced(found))
+        hole = search.with_hole(found) if found is not None and self._beyond_convex(search) else None
+        return found if found is None or hole is None else self._explaining(search, found, search.pierced(hole))
 
     def _explaining(self, search: Search, found: Found, others: Iterator[Found | None]) -> Found:
         """The first of others that explains the echoes, or what was found before."""
@@ -209,7 +207,7 @@ class EvidenceSolver:
         best = None
         if not self._beyond_convex(reported):
             return None
-        for ring in reported.rings(convex):
+        for ring in reported.not_convex(convex):
             if best is None or ring.value > best.value:
                 best = ring
             if _explains(reported, best, enough):
@@ -265,7 +263,8 @@ def _apart(evidence: Evidence) -> bool:
 
 def _explains(search: Search, found: Found | None, enough: float) -> bool:
     """Whether an answer explains so much of the echoes, in phase where they have one."""
-    return found is not None and found.explained > enough and (found.wave is not None or not search.coherent)
+    return found is not None and found.explained > enough and found.walls.heard_through and (
+        found.wave is not None or not search.coherent)
 
 
 def _tells_more(ring: Found | None, convex: Found | None) -> bool:

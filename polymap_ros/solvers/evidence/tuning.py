@@ -75,13 +75,19 @@ remaining walls can win back at most a few tens; a wall that is heard is worth t
 ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
+HALF = 0.5
+"""Share of the echoes' power below which an outline that is not convex, or has a hole, is not worth the moves of the
+waveform: of 60 that were settled, those that came right explained 0.65 and more to begin with (even seeds)."""
+
 HEARD_THROUGH = 0.5
 """Share of the echoes' power that an outline explains in which an inner wall lets waves through: with one that reflects
 0.2 to 0.6 of the amplitude it is 0.52 to 0.92 (six plates, even seeds); with a hole, 0.23 to 0.37."""
 
 HOLE_WORTH = 1.5
-"""Times the log likelihood of power that an outline with a hole has to be worth of what it is without: with one of 0.15
-to 0.4 m it is 1.7 to 3.1 times, once 8 (11 plates, even seeds)."""
+"""Times the log likelihood of power that an outline with a hole has to be worth of what it is without, and of what one
+that is not convex is to be looked at before it: with one of 0.15 to 0.4 m it is 1.7 to 3.1 times, once 8, what it is
+without, and no other was worth that (11 plates, even seeds); outlines that are not convex are worth 0.8 to 2.5 times
+what a hole in their place is (27, even seeds)."""
 
 HOLES, INNER_WALLS = 3, 3
 """Holes and inner walls that are looked for, at most."""

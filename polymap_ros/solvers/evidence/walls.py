@@ -26,6 +26,11 @@ _LOUDER = 0.25
 before they have moved (of 15 plates with an edge of 3 cm, 10 came out right instead of 13)."""
 
 
+_REFLECTS_ALL = 0.8
+"""Coefficient from which an inner wall would let less through than it reflects: where a wall of the outline was missing
+or a hole, inner walls in its place had 0.9 and more (outlines that are not convex, even seeds)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Walls:
     """A ring of lines with their reflection coefficients.
@@ -89,6 +94,14 @@ class Walls:
     def convex_outline(self) -> bool:
         """Whether the lines, in their order, bound a convex outline, with nothing inside."""
         return self.ring == len(self) and bool(np.all(self.turns < np.pi))
+
+    @property
+    def heard_through(self) -> bool:
+        """Whether all inner walls let enough through: what reflects nearly all is a wall of the outline, or of a hole,
+        that is in the wrong place.
+        """
+        inner = self.reflection[len(self) - len(self.interior.spans):]
+        return bool(np.all(np.abs(inner) < _REFLECTS_ALL))
 
     def sides(self, soft_m: float, shortest_m: float) -> tuple[bool, Sides]:
         """Return the sides that reflect, and whether the walls are an outline with what is in it (`sides_of`)."""

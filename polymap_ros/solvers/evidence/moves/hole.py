@@ -169,8 +169,9 @@ def _evidence(
     if width < feet.near or depth < feet.near:
         return -1.0
     c, s = np.cos(theta), np.sin(theta)
-    for ahead in (r, r + depth):
-        for along in (start, start + width):
+    gap = feet.near / 1.5
+    for ahead in (r - gap, r + depth + gap):
+        for along in (start - gap, start + width + gap):
             if not inside(corners, ahead * c - along * s, ahead * s + along * c):
                 return -1.0
     total, last = 0.0, feet.evidence.shape[1] - 1

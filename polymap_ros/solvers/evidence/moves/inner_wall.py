@@ -59,7 +59,7 @@ def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
     for trial in sorted(trials, key=lambda each: -each.value)[:_REFINED]:
         ground.checkpoint()
         found = tuned(ground, trial)
-        if found is not None and found.value > wave.value + least_gain(wave.value):
+        if found is not None and found.value > wave.value + least_gain(wave.value) and found.walls.heard_through:
             return found
     return None
 
