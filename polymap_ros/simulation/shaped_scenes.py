@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
-from polymap_ros.simulation.reflectors import Reflectors, heard_images
+from polymap_ros.simulation.reflectors import heard_images
 from polymap_ros.simulation.scenes import Scene, audible_feet
 from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free
@@ -55,17 +55,14 @@ def shaped_scene(kind: str, seed: int) -> Scene:
 
 
 def clean_echoes(scene: Scene) -> Points:
-    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of its walls."""
-    return echoes_among(Reflectors.outline(scene.vertices, scene.reflection), scene)
+    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of its walls.
 
-
-def echoes_among(reflectors: Reflectors, scene: Scene) -> Points:
-    """Return what a scene's pings hear among these walls, without noise (T, n_samples).
-
-    Every sequence of walls is tried: that is another tracer than the mapper's, by which `noise_free` goes.
+    That is another tracer than the mapper's, by which `noise_free` goes where nothing is inside the outline.
     """
+    walls = scene.reflectors
+
     def heard(position: Points) -> tuple[Points, Points]:
-        images, amplitude = heard_images(reflectors, position, scene.order)
+        images, amplitude = heard_images(walls, position, scene.order)
         return np.linalg.norm(images - position, axis=1), amplitude
 
     return noise_free(scene, heard)
