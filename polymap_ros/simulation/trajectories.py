@@ -1,6 +1,6 @@
 """Paths of the robot: straight legs and turns, drawn, given, or taken from a recorded odometry."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -119,10 +119,12 @@ def random_legs(
 def legs_inside(
     vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator,
     holes: Sequence[NDArray[np.float64]] = (),
+    next_place: Callable[[Sequence[tuple[float, float, float]]], NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64]:
     """Draw poses (count, 3) `step_m` apart on straight legs between random places in a simple polygon (n, 2).
 
-    Each leg is clear of the edges, and of holes (k, 2), and ends at the last whole step before its place.
+    Each leg is clear of the edges, and of holes (k, 2), and ends at the last whole step before its place, which is
+    drawn from everywhere, or by `next_place` after the poses so far.
 
     Raises
     ------
@@ -130,6 +132,7 @@ def legs_inside(
         Where the polygon is too narrow for such a walk.
     """
     free = shapely.Polygon(vertices, holes).buffer(-clearance_m)
+    shapely.prepare(free)
     if free.is_empty:
         raise SceneError(f'no place in the polygon is {clearance_m:g} m away from its edges')
     poses: list[tuple[float, float, float]] = []
@@ -137,7 +140,7 @@ def legs_inside(
     for _ in range(_LEG_DRAWS * (count + _LEG_DRAWS)):
         if len(poses) >= count:
             return np.array(poses[:count])
-        target = generator.uniform(vertices.min(axis=0), vertices.max(axis=0))
+        target = next_place(poses) if next_place else generator.uniform(vertices.min(axis=0), vertices.max(axis=0))
         if not free.covers(shapely.Point(target) if place is None else shapely.LineString((place, target))):
             continue
         if place is not None:
