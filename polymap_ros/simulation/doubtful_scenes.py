@@ -141,8 +141,9 @@ KINDS = {
     'unheard': DoubtfulKind('one wall reflects nothing', _unheard),
     'l_shape': DoubtfulKind('L-shaped outline', _not_convex(l_shape), must_be_flagged=False),
     't_shape': DoubtfulKind('T-shaped outline', _not_convex(t_shape), must_be_flagged=False),
-    'seam': DoubtfulKind('seam across the room that reflects half the amplitude', _seam(1.0)),
-    'stiffener': DoubtfulKind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
+    'seam': DoubtfulKind('seam across the room that reflects half the amplitude', _seam(1.0), must_be_flagged=False),
+    'stiffener': DoubtfulKind('line inside, half as long, that reflects half the amplitude', _seam(0.5),
+                              must_be_flagged=False),
     'mode_0db': DoubtfulKind('S0 as strong as A0', _second_mode(1.0)),
     'mode_-10db': DoubtfulKind('S0 10 dB below A0', _second_mode(10.0**-0.5)),
     'wrong_speeds': DoubtfulKind('both speeds of the plate taken 20 % too low', _mistaken(
