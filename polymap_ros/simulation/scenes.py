@@ -24,7 +24,7 @@ MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
 """Pings, samples of all of them, and messages of odometry that a scene may have: slips are told by name."""
 
 MOST_SEQUENCES = 1e10
-"""Sequences of walls, of all pings, that are tried where a scene has holes or inner walls: some ten minutes' work."""
+"""Sequences of walls, of all pings, tried where a scene has holes or inner walls: a quarter of an hour's work."""
 
 FARTHEST_M, LAST_S = 1e9, 2.0**31 - 1.0
 """As far as the mapper takes poses, and as late as a stamp can be."""
