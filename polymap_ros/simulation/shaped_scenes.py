@@ -176,7 +176,7 @@ SHAPE_KINDS = {
     'skewed_t': ShapeKind('T without right angles', _skewed(t_shape)),
     'steps': ShapeKind('two steps', _steps),
     'hole': ShapeKind('plate with a rectangular hole', plate, rectangles(1), 80),
-    'two_holes': ShapeKind('plate with two rectangular holes', plate, rectangles(2), 100),
+    'two_holes': ShapeKind('plate with two rectangular holes', plate, rectangles(2), 90),
     'stiffener': ShapeKind('plate with a stiffener', plate, inner_wall(0.5, 0.8)),
     'seam': ShapeKind('plate with a weld seam', plate, inner_wall(1.0, 1.0)),
 }
