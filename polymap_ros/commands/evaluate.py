@@ -148,7 +148,7 @@ def _slam(arguments: argparse.Namespace) -> int:
 
 
 def _shapes(arguments: argparse.Namespace) -> int:
-    from polymap_ros.evaluation.shapes_experiment import ShapesExperiment, shape_failures, shapes_table
+    from polymap_ros.evaluation.shapes_experiment import ShapesExperiment, shape_failures, shapes_text
     from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS
 
     kinds = _kinds(arguments, SHAPE_KINDS)
@@ -157,7 +157,7 @@ def _shapes(arguments: argparse.Namespace) -> int:
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (
         kinds.index(entry.kind), entry.trial.seed))
-    text = f'{shapes_table(trials)}\n\nNot right, or flagged:\n\n{shape_failures(trials)}'
+    text = f'{shapes_text(trials)}\n\nNot right, or flagged:\n\n{shape_failures(trials)}'
     _write(arguments.output, trials, text, {})
     return console.DONE
 

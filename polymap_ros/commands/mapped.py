@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from polymap_ros.mapping.mapper import PolygonMapper
     from polymap_ros.recordings.reading import Recording
     from polymap_ros.recordings.replay import Replay
+    from polymap_ros.recordings.truth import TrueInside
     from polymap_ros.solvers.estimate import Candidate, Estimate
 
 PROGRAM = 'polymap_replay'
@@ -47,6 +48,7 @@ class Mapped:
     pulse: 'FittedPulse | None'
     truth: 'NDArray[np.float64] | None'
     true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None'
+    true_inside: 'TrueInside | None'
 
     @property
     def closed(self) -> 'Candidate | None':
@@ -71,12 +73,13 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
     from polymap_ros.calibration.stages import Fit
     from polymap_ros.cautions import of_the_first_stage
     from polymap_ros.pulse_file import read_pulse
-    from polymap_ros.recordings.truth import read_true_path, read_truth
+    from polymap_ros.recordings.truth import read_true_inside, read_true_path, read_truth
     from polymap_ros.results.folder import PULSE
     from polymap_ros.results.save import map_cautions
 
     name, interval_s = recording.path.name, (arguments.start, arguments.end)
     truth, true_path = _of_truth(read_truth, recording.path), _of_truth(read_true_path, recording.path)
+    true_inside = None if truth is None else _of_truth(read_true_inside, recording.path)
     mapper, replay, tape = _heard(recording, parameters, interval_s)
     noted, fit, pulse = [], None, None
     if (what := calibrated(arguments)) and what != 'pulse':
@@ -100,12 +103,12 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
     if not noted:
         noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
     if mapper.plane and not mapper.plane.is_xy:
-        truth = true_path = None  # they are in the odometry's x and y
-    truth, true_path = _in_map_frame(mapper.origin, truth, true_path)
+        truth = true_path = true_inside = None  # they are in the odometry's x and y
+    truth, true_path, true_inside = _in_map_frame(mapper.origin, truth, true_path, true_inside)
     cautions = (*replay.cautions(), *noted, *map_cautions(estimate, parameters))
     estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
     return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
-                  pulse, truth, true_path)
+                  pulse, truth, true_path, true_inside)
 
 
 def _may_adapt(parameters: Parameters) -> bool:
@@ -125,17 +128,19 @@ def _of_truth(read: Callable[[Path], T | None], path: Path) -> T | None:
 
 def _in_map_frame(
     origin: 'Pose | None', truth: 'NDArray[np.float64] | None',
-    true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None',
-) -> 'tuple[NDArray[np.float64] | None, tuple[NDArray[np.int64], NDArray[np.float64]] | None]':
+    true_path: 'tuple[NDArray[np.int64], NDArray[np.float64]] | None', true_inside: 'TrueInside | None',
+) -> """tuple[NDArray[np.float64] | None, tuple[NDArray[np.int64], NDArray[np.float64]] | None,
+              TrueInside | None]""":
     """The ground truth, which is in the odometry's frame, where the map frame has another origin."""
     from polymap_ros.geometry.pose import Pose
     from polymap_ros.geometry.poses import in_frame
 
     if origin is None or origin == Pose(0.0, 0.0):
-        return truth, true_path
+        return truth, true_path, true_inside
     frame = origin.inverse()
     return (None if truth is None else frame.apply(truth),
-            None if true_path is None else (true_path[0], in_frame(true_path[1], frame)))
+            None if true_path is None else (true_path[0], in_frame(true_path[1], frame)),
+            None if true_inside is None else true_inside.moved(frame))
 
 
 def calibrated(arguments: argparse.Namespace) -> str:

@@ -16,6 +16,7 @@ from polymap_ros.parameters import Parameters
 
 if TYPE_CHECKING:
     from polymap_ros.geometry.alignment import PathError
+    from polymap_ros.geometry.inside_error import InsideComparison
     from polymap_ros.geometry.pose import Pose
     from polymap_ros.results.folder import Entry
 
@@ -179,13 +180,29 @@ def _tell(mapped: Mapped, exports: Sequence[str]) -> None:
     motion, off = _aligned(mapped)
     comparison = compare(motion.apply(mapped.closed.vertices), truth) if mapped.closed and truth is not None else None
     others = [each for each in (*mapped.estimate.cautions, *mapped.cautions) if each not in mapped.complaints]
-    text = summary(mapped.estimate, frame, mapper.counts, others, comparison, off)
+    inside = _compared_inside(mapped, motion) if comparison else None
+    text = summary(mapped.estimate, frame, mapper.counts, others, comparison, off, inside)
     console.tell(f'{console.in_one_line(mapped.recording.path)}: {text}')
     console.tell(f'odometry: {odometry.received} received, {odometry.used} used')
     if mapped.parameters.slam.map_origin != 'odom' and mapper.origin is not None:
         console.tell(f'{frame}: its origin is at {mapper.origin.text} of {mapper.frame_id!r}')
     if missing := [f'polygon.{kind}' for kind in exports if not is_exported(kind, mapped.estimate)]:
         console.tell(f'no {", ".join(missing)}: there is no polygon to export')
+
+
+def _compared_inside(mapped: Mapped, motion: 'Pose') -> 'InsideComparison | None':
+    """Holes and inner walls, moved, against the true ones; none where they are not known."""
+    import numpy as np
+
+    from polymap_ros.geometry.inside_error import compare_inside
+
+    if mapped.true_inside is None:
+        return None
+    found = mapped.estimate
+    return compare_inside(
+        [motion.apply(hole.vertices) for hole in found.holes],
+        [motion.apply(np.array((wall.start, wall.end))) for wall in found.inner_walls],
+        mapped.true_inside.holes, mapped.true_inside.inner_walls)
 
 
 def _aligned(mapped: Mapped) -> 'tuple[Pose, PathError | None]':

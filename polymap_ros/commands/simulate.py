@@ -77,7 +77,7 @@ def _companions(scene: 'Scene') -> dict[str, bytes]:
     from polymap_ros.results.tum import tum
 
     emissions_ns = scene.stamps_ns - round(scene.t0_s * 1e9)
-    files = {TRUTH_NAME: (json.dumps({'vertices': scene.vertices.tolist()}) + '\n').encode(),
+    files = {TRUTH_NAME: (json.dumps(_truth(scene)) + '\n').encode(),
              PATH_NAME: tum(emissions_ns, scene.poses)}
     if scene.recorded_pulse is not None:
         pulse = io.BytesIO()
@@ -86,6 +86,18 @@ def _companions(scene: 'Scene') -> dict[str, bytes]:
     if text := _changed_parameters(scene):
         files['params.yaml'] = text.encode()
     return files
+
+
+def _truth(scene: 'Scene') -> dict[str, Any]:
+    """The walls; holes and inner walls where there are any."""
+    truth: dict[str, Any] = {'vertices': scene.vertices.tolist()}
+    if scene.holes:
+        truth['holes'] = [{'vertices': hole.vertices.tolist()} for hole in scene.holes]
+    if scene.inner_walls:
+        truth['inner_walls'] = [
+            {'start': wall.start.tolist(), 'end': wall.end.tolist(), 'reflection': wall.reflection,
+             'transmission': wall.transmission} for wall in scene.inner_walls]
+    return truth
 
 
 def recorded_path(path: Path, topic: str) -> 'NDArray[np.float64]':

@@ -1,4 +1,4 @@
-"""Outlines that are not convex: how many are right, and what it takes."""
+"""Outlines that are not convex, and plates with holes or inner walls: how many are right, and what it takes."""
 
 import dataclasses
 import time
@@ -8,9 +8,26 @@ from dataclasses import dataclass
 import numpy as np
 
 from polymap_ros.evaluation.tables import interval, markdown, percent, unique
-from polymap_ros.evaluation.trials import KindTrial, filled_mapper, judged, ready
+from polymap_ros.evaluation.trials import TOLERANCE_M, KindTrial, filled_mapper, inside_judged, judged, ready
+from polymap_ros.geometry.inside_error import InsideComparison
+from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shaped_scene
+
+
+@dataclass(frozen=True)
+class ShapeTrial(KindTrial):
+    """A trial of a kind of `SHAPE_KINDS`: whether the outline alone is right, and what was found inside."""
+
+    outline_right: bool
+    inside: InsideComparison
+
+    def row(self) -> dict[str, object]:
+        """The row of results.csv."""
+        counts = dataclasses.asdict(self.inside)
+        ends_m = counts.pop('ends_m')
+        return {**super().row(), 'outline_right': self.outline_right, **counts,
+                'median_end_m': float(np.median(ends_m)) if ends_m else None}
 
 
 @dataclass(frozen=True)
@@ -38,15 +55,25 @@ class ShapesExperiment:
         """Kind and seed of every scene."""
         return [(kind, seed) for kind in self.kinds for seed in self.seeds]
 
-    def run_one(self, kind: str, seed: int) -> list[KindTrial]:
+    def run_one(self, kind: str, seed: int) -> list[ShapeTrial]:
         """The trial of one scene, whose `seconds` are of CPU."""
         scene = dataclasses.replace(shaped_scene(kind, seed), snr_db=self.snr_db)
         ready(self.parameters)
         mapper = filled_mapper(scene, self.parameters, clean_echoes(scene))
         started = time.process_time()
         estimate = mapper.solve()
-        method = self.parameters.solver.method
-        return [KindTrial(kind, judged(estimate, scene, method, time.process_time() - started))]
+        trial = judged(estimate, scene, self.parameters.solver.method, time.process_time() - started)
+        polygon = estimate.polygon
+        right = polygon is not None and compare(polygon.vertices, scene.vertices, TOLERANCE_M).right
+        return [ShapeTrial(kind, trial, right, inside_judged(estimate, scene))]
+
+
+def shapes_text(trials: Sequence[ShapeTrial]) -> str:
+    """The table of outlines that are not convex, and that of plates with something inside, as far as there are any."""
+    inside = [entry for entry in trials if SHAPE_KINDS[entry.kind].inside]
+    outlines = [entry for entry in trials if not SHAPE_KINDS[entry.kind].inside]
+    tables = (outlines and shapes_table(outlines), inside and inside_table(inside))
+    return '\n\n'.join(table for table in tables if table)
 
 
 def shapes_table(trials: Sequence[KindTrial]) -> str:
@@ -69,6 +96,30 @@ def shapes_table(trials: Sequence[KindTrial]) -> str:
             str(sum(trial.flagged for trial in right)), f'{1e3 * np.median(offsets):.3f}' if offsets else '-',
             ', '.join(within), f'{np.median(seconds):.1f} / {max(seconds):.1f}',
             f'{np.median(is_open):.1f}' if is_open else '-'])
+    return markdown(header, rows)
+
+
+def inside_table(trials: Sequence[ShapeTrial]) -> str:
+    """By kind and for all: right outlines, holes and inner walls with 95 % intervals, what is told, and CPU time."""
+    header = ['plate', 'outline right', 'holes right', 'inner walls right', 'all right', 'silently wrong', 'open',
+              'right, yet flagged', 'ends of inner walls, median error [mm]', 'CPU [s] median / worst']
+    groups = [(SHAPE_KINDS[kind].text, [entry for entry in trials if entry.kind == kind])
+              for kind in unique(entry.kind for entry in trials)]
+    rows = []
+    for text, group in (*groups, ('all', list(trials))):
+        outlines, right = sum(entry.outline_right for entry in group), [entry for entry in group if entry.trial.right]
+        holes = sum(entry.inside.right_holes for entry in group), sum(entry.inside.n_true_holes for entry in group)
+        walls = (sum(entry.inside.right_inner_walls for entry in group),
+                 sum(entry.inside.n_true_inner_walls for entry in group))
+        ends = [end for entry in group for end in entry.inside.ends_m]
+        seconds = [entry.trial.seconds for entry in group]
+        rows.append([
+            text, *(f'{found} of {of} ({interval(found, of)})' if of else '-'
+                    for found, of in ((outlines, len(group)), holes, walls)), f'{len(right)} of {len(group)}',
+            str(sum(not entry.trial.flagged and not entry.trial.right for entry in group)),
+            str(sum(entry.trial.status != 'closed' for entry in group)),
+            str(sum(entry.trial.flagged for entry in right)), f'{1e3 * np.median(ends):.1f}' if ends else '-',
+            f'{np.median(seconds):.1f} / {max(seconds):.1f}'])
     return markdown(header, rows)
 
 

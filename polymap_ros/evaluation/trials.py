@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.inside_error import InsideComparison, compare_inside
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.polygon_error import ANGLE_TOLERANCE_RAD, Comparison, compare
 from polymap_ros.geometry.pose import Pose
@@ -49,7 +50,8 @@ class Trial:
     run : int
         Repetition, where one scene is solved several times.
     right : bool
-        As in `Comparison`, floor and ceiling within `HEIGHT_TOLERANCE_M` of the true ones, and no others.
+        As in `Comparison`, floor and ceiling within `HEIGHT_TOLERANCE_M` of the true ones, and no others; holes and
+        inner walls as in `InsideComparison`.
     iou : float
         Overlap with the true polygon; 0 where no polygon closed.
     offsets_m, angles_deg : tuple of float
@@ -176,13 +178,23 @@ def judged(
     return Trial(
         scene=scene.name, seed=scene.seed, edges=len(scene.vertices), method=method, snr_db=scene.snr_db, run=run,
         status=estimate.status, estimated_edges=comparison.n_estimated if comparison else 0,
-        right=bool(comparison and comparison.right and _heights_right(estimate, scene)),
+        right=bool(comparison and comparison.right and _heights_right(estimate, scene)
+                   and inside_judged(estimate, scene, tolerance_m).right),
         iou=comparison.iou if comparison else 0.0,
         offsets_m=tuple(offsets), angles_deg=tuple(angles), z_r=z_r, z_theta=z_theta,
         z_length=sizes[0], z_angle=sizes[1], z_area=sizes[2],
         least_likelihood=min((edge.likelihood for edge in edges), default=None),
         certain_edges=len(certain), certain_real=len(certain & real),
         cautions=tuple(caution.code for caution in estimate.cautions), seconds=seconds)
+
+
+def inside_judged(estimate: Estimate, scene: Scene, tolerance_m: float = TOLERANCE_M) -> InsideComparison:
+    """Compare the holes and inner walls of an estimate in the odometry's frame with the scene's."""
+    return compare_inside(
+        [hole.vertices for hole in estimate.holes],
+        [np.array((wall.start, wall.end)) for wall in estimate.inner_walls],
+        [hole.vertices for hole in scene.holes],
+        [np.array((wall.start, wall.end)) for wall in scene.inner_walls], tolerance_m)
 
 
 def _heights_right(estimate: Estimate, scene: Scene) -> bool:

@@ -1,15 +1,38 @@
 """The ground truth that `polymap_simulate` leaves beside a recording."""
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.errors import RecordingError
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.plain_yaml import read_small
 
 TRUTH_NAME, PATH_NAME = 'truth.json', 'truth.tum'
+
+
+@dataclass(frozen=True, eq=False)
+class TrueInside:
+    """What stands inside a true polygon.
+
+    Parameters
+    ----------
+    holes : tuple of ndarray, shape (n, 2)
+        Corners of each hole, clockwise [m].
+    inner_walls : tuple of ndarray, shape (2, 2)
+        Ends of each inner wall [m].
+    """
+
+    holes: tuple[NDArray[np.float64], ...] = ()
+    inner_walls: tuple[NDArray[np.float64], ...] = ()
+
+    def moved(self, frame: Pose) -> 'TrueInside':
+        """The same, seen from the frame in which `frame` is its own origin."""
+        return TrueInside(tuple(map(frame.apply, self.holes)), tuple(map(frame.apply, self.inner_walls)))
 
 
 def truth_path(recording: Path) -> Path:
@@ -28,15 +51,60 @@ def read_truth(recording: Path) -> NDArray[np.float64] | None:
     path = truth_path(recording)
     if not path.is_file():
         return None
+    return _ring(_document(path), path)
+
+
+def read_true_inside(recording: Path) -> TrueInside:
+    """Holes and inner walls of the true polygon, none where truth.json has none.
+
+    Raises
+    ------
+    RecordingError
+        For holes that are not ``[{"vertices": [[x, y], ...]}]``, or inner walls not
+        ``[{"start": [x, y], "end": [x, y]}]``.
+    """
+    path = truth_path(recording)
+    if not path.is_file():
+        return TrueInside()
+    document = _document(path)
+    holes, walls = (document.get(key, []) for key in ('holes', 'inner_walls'))
+    if not (isinstance(holes, list) and isinstance(walls, list)):
+        raise RecordingError(f'{path}: allowed: lists of holes and of inner_walls')
+    return TrueInside(tuple(_ring(hole, path)[::-1] for hole in holes),
+                      tuple(_places(wall, ('start', 'end'), path) for wall in walls))
+
+
+def _document(path: Path) -> dict[str, Any]:
     try:
-        vertices = np.array(json.loads(read_small(path))['vertices'], dtype=float)
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        document = json.loads(read_small(path))
+        if not isinstance(document, dict):
+            raise TypeError
+    except (OSError, UnicodeDecodeError, ValueError, TypeError, RecursionError) as error:
+        raise RecordingError(f'{path}: is no ground truth: allowed: {{"vertices": [[x, y], ...]}}') from error
+    return document
+
+
+def _ring(body: Any, path: Path) -> NDArray[np.float64]:
+    """Corners (n, 2), counter-clockwise."""
+    try:
+        vertices = np.array(body['vertices'], dtype=float)
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise RecordingError(f'{path}: is no ground truth: allowed: {{"vertices": [[x, y], ...]}}') from error
     if vertices.ndim != 2 or vertices.shape[0] < 3 or vertices.shape[1] != 2 or not np.isfinite(vertices).all():
         raise RecordingError(f'{path}: vertices of shape {vertices.shape}; allowed: at least three finite [x, y]')
     x, y = vertices.T
     clockwise = np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0
     return vertices[::-1] if clockwise else vertices
+
+
+def _places(body: Any, keys: tuple[str, str], path: Path) -> NDArray[np.float64]:
+    try:
+        places = np.array([body[key] for key in keys], dtype=float)
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise RecordingError(f'{path}: an inner wall needs {" and ".join(keys)}, each [x, y]') from error
+    if places.shape != (2, 2) or not np.isfinite(places).all():
+        raise RecordingError(f'{path}: an inner wall needs {" and ".join(keys)}, each a finite [x, y]')
+    return places
 
 
 def read_true_path(recording: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:

@@ -6,6 +6,7 @@ import numpy as np
 
 from polymap_ros.cautions import Caution
 from polymap_ros.geometry.alignment import PathError
+from polymap_ros.geometry.inside_error import InsideComparison
 from polymap_ros.geometry.polygon_error import Comparison
 from polymap_ros.hearing.ping_queue import PingCounts
 from polymap_ros.results.dimensions import dimensions, net_area, seen_from_afar
@@ -20,6 +21,7 @@ _DEGREES = float(np.rad2deg(1.0))
 def summary(
     estimate: Estimate, frame_id: str, counts: PingCounts, cautions: Sequence[Caution] = (),
     comparison: Comparison | None = None, path_error: PathError | None = None,
+    inside: InsideComparison | None = None,
 ) -> str:
     """The answer in words and tables.
 
@@ -37,6 +39,8 @@ def summary(
         With the ground truth, aligned where there is a true path.
     path_error : PathError, optional
         Of the path.
+    inside : InsideComparison, optional
+        With the true holes and inner walls.
     """
     lines = [_headline(estimate)]
     if estimate.polygon is not None:
@@ -53,6 +57,8 @@ def summary(
         lines.append(f'IoU with the free area: {estimate.iou_free_area:.4f}')
     if comparison is not None:
         lines += _comparison_lines(comparison)
+    if inside is not None:
+        lines += _inside_lines(inside)
     if path_error is not None:
         lines.append(f'  path, after the best rigid motion: ATE {1e3 * path_error.ate_m:.3f} mm, worst ping '
                      f'{1e3 * path_error.worst_m:.3f} mm, heading {np.rad2deg(path_error.heading_rad):.3f} deg rms')
@@ -166,3 +172,10 @@ def _comparison_lines(found: Comparison) -> list[str]:
         lines.append(f'  wall offset: median {np.median(offsets_mm):.3g} mm, largest {offsets_mm.max():.3g} mm')
         lines.append(f'  wall angle: median {np.median(angles_deg):.3g} deg, largest {angles_deg.max():.3g} deg')
     return lines
+
+
+def _inside_lines(inside: InsideComparison) -> list[str]:
+    """Holes and inner walls, where there are any or some were found."""
+    counts = (('holes', inside.n_holes, inside.right_holes, inside.n_true_holes),
+              ('inner walls', inside.n_inner_walls, inside.right_inner_walls, inside.n_true_inner_walls))
+    return [f'  {name}: {found} found, {right} of {of} right' for name, found, right, of in counts if found or of]

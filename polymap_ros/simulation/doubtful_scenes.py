@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from polymap_ros.parameters import MediumParameters
 from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.inside import Partition
 from polymap_ros.simulation.random_scenes import air_filled, mistaken, random_scene
-from polymap_ros.simulation.reflectors import Reflectors
 from polymap_ros.simulation.scenes import Scene, half_planes
-from polymap_ros.simulation.shaped_scenes import echoes_among, l_shape, t_shape
+from polymap_ros.simulation.shaped_scenes import clean_echoes, l_shape, t_shape
 from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free
 
@@ -88,7 +88,7 @@ def _not_convex(outline: Callable[[np.random.Generator], NDArray[np.float64]]) -
         corners = (corners - corners.mean(axis=0)) @ np.array([[c, s], [-s, c]])
         poses = legs_inside(corners, _PINGS, _STEP_M, _CLEARANCE_M, generator)
         scene = Scene(name='', vertices=corners, poses=poses, seed=seed)
-        return Doubtful(scene, echoes_among(Reflectors.outline(corners), scene))
+        return Doubtful(scene, clean_echoes(scene))
     return make
 
 
@@ -105,8 +105,8 @@ def _seam(share: float) -> Callable[[int, int], Doubtful]:
             reach = (offsets - normals @ middle) / (normals @ along)
         low, high = reach[reach < 0.0].max(), reach[reach > 0.0].min()
         low, high = 0.5 * (low + high) + 0.5 * share * np.array((-1.0, 1.0)) * (high - low)
-        reflectors = Reflectors.outline(scene.vertices).with_seam(middle + low * along, middle + high * along, _SEAM)
-        return Doubtful(scene, echoes_among(reflectors, scene))
+        seam = Partition(middle + low * along, middle + high * along, _SEAM)
+        return _as_it_is(dataclasses.replace(scene, inner_walls=(seam,)))
     return make
 
 
@@ -141,8 +141,9 @@ KINDS = {
     'unheard': DoubtfulKind('one wall reflects nothing', _unheard),
     'l_shape': DoubtfulKind('L-shaped outline', _not_convex(l_shape), must_be_flagged=False),
     't_shape': DoubtfulKind('T-shaped outline', _not_convex(t_shape), must_be_flagged=False),
-    'seam': DoubtfulKind('seam across the room that reflects half the amplitude', _seam(1.0)),
-    'stiffener': DoubtfulKind('line inside, half as long, that reflects half the amplitude', _seam(0.5)),
+    'seam': DoubtfulKind('seam across the room that reflects half the amplitude', _seam(1.0), must_be_flagged=False),
+    'stiffener': DoubtfulKind('line inside, half as long, that reflects half the amplitude', _seam(0.5),
+                              must_be_flagged=False),
     'mode_0db': DoubtfulKind('S0 as strong as A0', _second_mode(1.0)),
     'mode_-10db': DoubtfulKind('S0 10 dB below A0', _second_mode(10.0**-0.5)),
     'wrong_speeds': DoubtfulKind('both speeds of the plate taken 20 % too low', _mistaken(

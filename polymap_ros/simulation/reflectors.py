@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from polymap_ros.jit import kernel
 
 _ASIDE = 1e-7
-"""Paths are traced to a receiver this share of the room's size beside the source. A path through a corner, as every
+"""Paths are traced to a place this share of the room's size beside the receiver. A path through a corner, as every
 one that a right angle returns to its source, then hits both walls beside the corner, in one order only."""
 _DIRECTION_RAD = 1.2345
 _TOUCH = 1e-12
@@ -46,47 +46,58 @@ class Reflectors:
         coefficients = np.array(np.broadcast_to(np.asarray(reflection, dtype=float), (len(corners),)))
         return cls(corners, np.roll(corners, -1, axis=0), coefficients, np.zeros(len(corners)))
 
-    def with_seam(self, start: ArrayLike, end: ArrayLike, reflection: float) -> 'Reflectors':
-        """Add a line that reflects part of the wave and lets the rest of its energy through."""
-        return Reflectors(
-            np.vstack((self.starts, np.asarray(start, dtype=float))), np.vstack((self.ends, np.asarray(end, float))),
-            np.append(self.reflection, reflection), np.append(self.transmission, np.sqrt(1.0 - reflection**2)))
+    def with_seam(
+        self, start: ArrayLike, end: ArrayLike, reflection: float, transmission: float | None = None
+    ) -> 'Reflectors':
+        """Add a line that reflects part of the wave and lets the rest of its energy through, or what is said."""
+        through = np.sqrt(1.0 - reflection**2) if transmission is None else transmission
+        return self.beside(Reflectors(np.asarray([start], dtype=float), np.asarray([end], dtype=float),
+                                      np.array([reflection]), np.array([through])))
+
+    def beside(self, others: 'Reflectors') -> 'Reflectors':
+        """Return these walls and others."""
+        return Reflectors(np.vstack((self.starts, others.starts)), np.vstack((self.ends, others.ends)),
+                          np.append(self.reflection, others.reflection),
+                          np.append(self.transmission, others.transmission))
 
 
 def heard_images(
-    reflectors: Reflectors, position: ArrayLike, order: int
+    reflectors: Reflectors, position: ArrayLike, order: int, receiver: ArrayLike | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Images of a source that are heard at the source.
+    """Images of a source that are heard at a receiver.
 
     Parameters
     ----------
     reflectors : Reflectors
-        The walls; the position is on none of them.
+        The walls; the positions are on none of them.
     position : array_like, shape (2,)
-        Source and receiver [m].
+        Source [m].
     order : int
         Largest number of reflections, >= 1.
+    receiver : array_like, shape (2,), optional
+        Receiver [m]; at the source unless given.
 
     Returns
     -------
     position_m : ndarray, shape (k, 2)
-        Image positions, nearest first; their distance from the source is the length of the whole path [m].
+        Image positions, nearest first; their distance from the receiver is the length of the whole path [m].
     amplitude : ndarray, shape (k,)
         Product of the reflection and transmission coefficients along the path, without spreading.
     """
     source = np.asarray(position, dtype=float)
+    place = source if receiver is None else np.asarray(receiver, dtype=float)
     walls = np.ascontiguousarray(np.stack((reflectors.starts, reflectors.ends), axis=1))
     size = float(np.ptp(walls, axis=(0, 1)).max())
-    receiver = source + _ASIDE * size * np.array((np.cos(_DIRECTION_RAD), np.sin(_DIRECTION_RAD)))
+    beside = place + _ASIDE * size * np.array((np.cos(_DIRECTION_RAD), np.sin(_DIRECTION_RAD)))
     capacity = 64
     while True:
         found = np.empty((capacity, 3))
-        count = _trace(walls, reflectors.reflection, reflectors.transmission, source, receiver, order, found)
+        count = _trace(walls, reflectors.reflection, reflectors.transmission, source, beside, order, found)
         if count <= capacity:
             break
         capacity = 2 * count
     found = found[:count]
-    nearest = np.argsort(np.linalg.norm(found[:, :2] - source, axis=1), kind='stable')
+    nearest = np.argsort(np.linalg.norm(found[:, :2] - place, axis=1), kind='stable')
     return found[nearest, :2], found[nearest, 2]
 
 

@@ -7,9 +7,18 @@ The keys are the fields of `Scene`; the path is either `poses`, a list of [x, y,
     trajectory: {pings: 60, step_m: 0.14, clearance_m: 0.06}                        # drawn, from the seed
     trajectory: {recording: PATH, topic: odom, pings: 60, clearance_m: 0.06, turn_deg: 0.0}
 
-The last takes the way that a recorded odometry went, scaled to fill the room. What device and odometry do wrong is in
-`faults`, with the fields of `Faults`; what edges do to the phase in `edges`, with those of `Edges`; a room's floor and
-ceiling in `height`, with those of `Height`.
+The last takes the way that a recorded odometry went, scaled to fill the room. Holes, and walls inside that let some of
+the wave through, such as stiffeners and weld seams, are lists::
+
+    holes: [[[x, y], [x, y], [x, y]], {vertices: [[x, y], ...], reflection: 0.8}]
+    inner_walls: [{start: [x, y], end: [x, y], reflection: 0.4, transmission: 0.9}]
+
+A hole's reflection is 1 unless given, an inner wall's transmission sqrt(1 - reflection^2). An inner wall may reach
+beyond the outline or into a hole: it ends where it meets them. `edges` and `height` do not go with holes or inner
+walls, nor does a recorded way with holes.
+
+What device and odometry do wrong is in `faults`, with the fields of `Faults`; what edges do to the phase in `edges`,
+with those of `Edges`; a room's floor and ceiling in `height`, with those of `Height`.
 """
 
 import dataclasses
@@ -30,10 +39,12 @@ from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters
 from polymap_ros.paths import expanded
 from polymap_ros.plain_yaml import read_small, read_yaml
 from polymap_ros.pulse_file import read_pulse
+from polymap_ros.simulation.corners import counter_clockwise
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.height import Height
-from polymap_ros.simulation.scenes import Scene, check_bounds, counter_clockwise
+from polymap_ros.simulation.inside import Hole, Partition, holes_of, named
+from polymap_ros.simulation.scenes import Scene, check_bounds
 from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
 
 ReadPath = Callable[[Path, str], NDArray[np.float64]]
@@ -124,6 +135,8 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
             values[key] = _GROUPS[key](**body)
         elif key in ('vertices', 'poses', 'reflection'):
             values[key] = _array(document[key], key)
+        elif key in _INSIDE:
+            values[key] = _inside(document[key], key)
         elif key == 'name' or (key == 'snr_db' and document[key] is None):
             values[key] = document[key]
         else:
@@ -135,8 +148,38 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
     if 'trajectory' in document:
         body = _mapping(document['trajectory'], 'trajectory')
         vertices, seed = counter_clockwise(values['vertices'])[0], int(values.get('seed', 1))
-        values['poses'] = _trajectory(body, vertices, seed, folder, read_path)
+        holes = [hole.vertices for hole in holes_of(vertices, values.get('holes', ()))]
+        values['poses'] = _trajectory(body, vertices, holes, seed, folder, read_path)
     return Scene(**values)
+
+
+def _inside(value: Any, key: str) -> list[Hole | Partition]:
+    """Holes or inner walls, each with its number where it is wrong."""
+    if not isinstance(value, list):
+        raise SceneError(f'{key} must be a list')
+    return [_INSIDE[key](body, f'{key}[{index}]') for index, body in enumerate(value)]
+
+
+def _hole(body: Any, where: str) -> Hole:
+    body = body if isinstance(body, dict) else {'vertices': body}
+    _check_keys(body, ['vertices', 'reflection'], where)
+    if 'vertices' not in body:
+        raise SceneError(f'{where} needs vertices')
+    with named(where):
+        return Hole(*(_array(body[key], key) for key in ('vertices', 'reflection') if key in body))
+
+
+def _inner_wall(body: Any, where: str) -> Partition:
+    body = _mapping(body, where)
+    _check_keys(body, [entry.name for entry in dataclasses.fields(Partition)], where)
+    if missing := [key for key in ('start', 'end', 'reflection') if key not in body]:
+        raise SceneError(f'{where} needs {" and ".join(missing)}')
+    with named(where):
+        return Partition(_array(body['start'], 'start'), _array(body['end'], 'end'), _number(body, 'reflection'),
+                         _number(body, 'transmission') if 'transmission' in body else None)
+
+
+_INSIDE: dict[str, Callable[[Any, str], Hole | Partition]] = {'holes': _hole, 'inner_walls': _inner_wall}
 
 
 def _at_period(pulse: RecordedPulse, period_s: float) -> NDArray[np.float64]:
@@ -147,7 +190,8 @@ def _at_period(pulse: RecordedPulse, period_s: float) -> NDArray[np.float64]:
 
 
 def _trajectory(
-    body: Mapping[str, Any], vertices: NDArray[np.float64], seed: int, folder: Path, read_path: ReadPath | None
+    body: Mapping[str, Any], vertices: NDArray[np.float64], holes: list[NDArray[np.float64]], seed: int, folder: Path,
+    read_path: ReadPath | None,
 ) -> NDArray[np.float64]:
     if 'legs' in body:
         _check_keys(body, ['start', 'legs', 'step_m'], 'trajectory')
@@ -162,6 +206,9 @@ def _trajectory(
     check_count(count)
     if 'recording' in body:
         _check_keys(body, drive, 'trajectory')
+        if holes:
+            raise SceneError('trajectory: a recorded drive is fitted into rooms without holes only; give legs, or '
+                             'pings and step_m')
         if read_path is None:
             raise SceneError('trajectory: recording cannot be read here')
         path = read_path(folder / _expanded(str(body['recording'])), str(body.get('topic', 'odom')))
@@ -172,7 +219,7 @@ def _trajectory(
     if not (step_m := _number(body, 'step_m')) > 0.0:
         raise SceneError(f'trajectory: step_m must be above 0, found {step_m!r}')
     for _ in range(_RANDOM_PATHS):
-        poses = random_legs(vertices, count, step_m, clearance, generator)
+        poses = random_legs(vertices, count, step_m, clearance, generator, holes)
         if poses is not None:
             return poses
     raise SceneError(f'trajectory: no path of {count} pings fits into the room with a clearance of {clearance:g} m')

@@ -12,13 +12,19 @@ from polymap_ros.errors import SceneError
 from polymap_ros.geometry.outline import is_convex
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.corners import counter_clockwise
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.height import Height
+from polymap_ros.simulation.inside import Hole, Partition, check_apart, holes_of, partitions_of
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
+from polymap_ros.simulation.reflectors import Reflectors
 
 MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
 """Pings, samples of all of them, and messages of odometry that a scene may have: slips are told by name."""
+
+MOST_SEQUENCES = 1e10
+"""Sequences of walls, of all pings, tried where a scene has holes or inner walls: a quarter of an hour's work."""
 
 FARTHEST_M, LAST_S = 1e9, 2.0**31 - 1.0
 """As far as the mapper takes poses, and as late as a stamp can be."""
@@ -28,9 +34,6 @@ _BOUNDS = {
     'ping_period_s': (1e-9, 1e6), 'odometry_rate_hz': (1e-6, 1e9), 'gain_range_db': (0.0, 300.0),
     'position_noise_m': (0.0, 1e6), 't0_s': (-100.0, 100.0), 'snr_db': (-300.0, 300.0)}
 """Beyond these the samples would be no numbers, the stamps none of ROS, or the work without end."""
-
-_LEAST_TURN = 1e-9
-"""By less than this [rad] a polygon turns at no corner."""
 
 _ROUNDING_M = 1e-9
 """How far outside a foot may be by rounding [m]."""
@@ -61,6 +64,11 @@ class Scene:
         What a reflection does to the phase.
     height : Height
         Floor and ceiling, of a room.
+    holes : sequence of Hole, or of array_like, shape (k, 2)
+        Holes inside the outline, by their corners [m] in either direction; they meet neither it nor one another.
+    inner_walls : sequence of Partition
+        Walls inside that let some of the wave through; what of one is outside or in a hole is not there. With any of
+        these or with holes, echoes are those of every sequence of walls.
     sample_rate_hz : float
         Sample rate [Hz].
     n_samples : int
@@ -110,13 +118,17 @@ class Scene:
     faults: Faults = field(default_factory=Faults)
     edges: Edges = field(default_factory=Edges)
     height: Height = field(default_factory=Height)
+    holes: tuple[Hole, ...] = ()
+    inner_walls: tuple[Partition, ...] = ()
 
     def __post_init__(self) -> None:
         if self.recorded_pulse is not None:
             object.__setattr__(self, 'pulse', dataclasses.replace(self.pulse, kind='file'))
         vertices, reflection = counter_clockwise(self.vertices, self.reflection)
+        holes = holes_of(vertices, self.holes)
         for name, value in (('vertices', vertices), ('poses', np.asarray(self.poses, dtype=float)),
-                            ('reflection', reflection)):
+                            ('reflection', reflection), ('holes', holes),
+                            ('inner_walls', partitions_of(vertices, holes, self.inner_walls))):
             object.__setattr__(self, name, value)
         self._check()
 
@@ -132,12 +144,27 @@ class Scene:
             if not clearances.min() > 0.0:
                 index = int(np.argmin(clearances)) if np.isfinite(clearances).all() else 0
                 raise SceneError(f'the sensor is not inside the polygon at pose {index}')
+            check_apart(positions, self.holes, self.inner_walls)
         for name in _BOUNDS:
             if name != 'snr_db' or self.snr_db is not None:
                 check_bounds(name, getattr(self, name))
         if self.height != Height() and self.medium.model != 'constant':
             raise SceneError('height is that of a room; a plate has none: set medium.model to constant')
+        self._check_inside()
         self._check_size()
+
+    def _check_inside(self) -> None:
+        """What holes and inner walls do not go with."""
+        if not self.has_inside:
+            return
+        for name, ordinary in (('edges', Edges()), ('height', Height())):
+            if getattr(self, name) != ordinary:
+                raise SceneError(f'{name} acts in scenes without holes and inner_walls only; leave out one of them')
+        walls = len(self.reflectors.starts)
+        sequences = float(len(self.poses)) * walls * (walls - 1.0) ** (self.order - 1)
+        if sequences > MOST_SEQUENCES:
+            raise SceneError(f'order {self.order} makes {sequences:.3g} sequences of {walls} walls, all of which are '
+                             f'tried with holes or inner_walls; allowed: {MOST_SEQUENCES:g}; take a lower order')
 
     def _check_size(self) -> None:
         """What several values make together."""
@@ -154,6 +181,21 @@ class Scene:
             raise SceneError(f't0_s would stamp the first ping {first_s:g} s, and no stamp is before 0')
         if (last_s := first_s + pings * self.ping_period_s + self.n_samples * self.period_s) > LAST_S:
             raise SceneError(f'the last ping would end at {last_s:g} s; no stamp of ROS is beyond {LAST_S:g} s')
+
+    @property
+    def has_inside(self) -> bool:
+        """Whether there are holes or inner walls."""
+        return bool(self.holes or self.inner_walls)
+
+    @property
+    def reflectors(self) -> Reflectors:
+        """All walls: the outline's, the holes', the inner ones."""
+        walls = Reflectors.outline(self.vertices, self.reflection)
+        for hole in self.holes:
+            walls = walls.beside(Reflectors.outline(hole.vertices, hole.reflection))
+        for wall in self.inner_walls:
+            walls = walls.with_seam(wall.start, wall.end, wall.reflection, wall.transmission)
+        return walls
 
     @property
     def positions(self) -> NDArray[np.float64]:
@@ -248,45 +290,20 @@ def clearance(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDA
     return np.asarray(np.where(shapely.contains(outline, places), away, -away))
 
 
-def audible_feet(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Where the foot of point i is on edge j in plain sight, so that its first-order echo exists; (m, n)."""
+def audible_feet(
+    vertices: NDArray[np.float64], points: NDArray[np.float64], room: shapely.Polygon | None = None
+) -> NDArray[np.bool_]:
+    """Where the foot of point i is on edge j in plain sight, so that its first-order echo exists; (m, n).
+
+    The room is on the left of the edges, and all that they bound unless it is given.
+    """
     along = np.roll(vertices, -1, axis=0) - vertices
     share = (points @ along.T - np.einsum('ij,ij->i', vertices, along)) / np.einsum('ij,ij->i', along, along)
     audible = np.asarray((share >= 0.0) & (share <= 1.0))
-    if not is_convex(np.ascontiguousarray(vertices, dtype=float)):
+    if room is not None or not is_convex(np.ascontiguousarray(vertices, dtype=float)):
         feet = vertices[None] + share[:, :, None] * along[None]
         ways = shapely.linestrings(np.stack((np.broadcast_to(points[:, None], feet.shape), feet), axis=2))
-        audible &= shapely.covers(shapely.Polygon(vertices).buffer(_ROUNDING_M), ways)
+        audible &= shapely.covers((room or shapely.Polygon(vertices)).buffer(_ROUNDING_M), ways)
         outwards = np.einsum('mnk,nk->mn', feet - points[:, None], np.column_stack((along[:, 1], -along[:, 0])))
         audible &= outwards > 0.0
     return audible
-
-
-def counter_clockwise(
-    vertices: ArrayLike, reflection: ArrayLike = 1.0
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Check a simple polygon (n, 2) and its reflection coefficients, one or (n,), and put both counter-clockwise.
-
-    Raises
-    ------
-    SceneError
-        If edges of the polygon cross or meet, a corner is none, or a coefficient is not between -1 and 1.
-    """
-    corners, coefficients = np.asarray(vertices, dtype=float), np.asarray(reflection, dtype=float)
-    if corners.ndim != 2 or corners.shape[0] < 3 or corners.shape[1] != 2 or not np.isfinite(corners).all():
-        raise SceneError('vertices must be at least 3 finite pairs [x, y]')
-    if coefficients.ndim == 0:
-        coefficients = np.full(len(corners), float(coefficients))
-    if coefficients.shape != (len(corners),) or not (np.abs(coefficients) <= 1.0).all():
-        raise SceneError('reflection must be one value, or one per edge, between -1 and 1')
-    x, y = corners.T
-    if np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)) < 0.0:
-        corners, coefficients = corners[::-1], np.roll(coefficients[::-1], -1)  # edge i was edge n - 2 - i
-    along = np.roll(corners, -1, axis=0) - corners
-    following = np.roll(along, -1, axis=0)
-    turns = np.arctan2(along[:, 0] * following[:, 1] - along[:, 1] * following[:, 0],
-                       np.einsum('ij,ij->i', along, following))
-    sharp = (np.abs(turns) > _LEAST_TURN) & (np.abs(turns) < np.pi - _LEAST_TURN)
-    if not (sharp.all() and abs(turns.sum() - 2.0 * np.pi) < 1e-6 and shapely.Polygon(corners).is_valid):
-        raise SceneError('edges of the polygon cross or meet, or it goes straight on or back at a corner')
-    return corners, coefficients

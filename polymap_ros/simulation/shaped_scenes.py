@@ -1,4 +1,4 @@
-"""Random outlines that are not convex, with a random path into all of their arms."""
+"""Random shapes that are not just convex, with a random path that hears all of their walls."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,8 +8,9 @@ import shapely
 from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
-from polymap_ros.simulation.reflectors import Reflectors, heard_images
-from polymap_ros.simulation.scenes import Scene, audible_feet
+from polymap_ros.simulation.inside_scenes import Draw, Inside, Tour, inner_wall, plate, rectangles
+from polymap_ros.simulation.reflectors import heard_images
+from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free
 
@@ -23,23 +24,39 @@ _STREAM = 9
 
 @dataclass(frozen=True)
 class ShapeKind:
-    """What an outline is like, and how its corners (n, 2), counter-clockwise [m], are drawn."""
+    """What a shape is like.
+
+    Parameters
+    ----------
+    text : str
+        In words.
+    corners : callable
+        Draws the corners (n, 2) of the outline, counter-clockwise [m].
+    inside : callable, optional
+        Draws what stands inside.
+    pings : int
+        Length of the path.
+    """
 
     text: str
     corners: Callable[[np.random.Generator], Points]
+    inside: Draw | None = None
+    pings: int = _PINGS
 
 
 def shaped_scene(kind: str, seed: int) -> Scene:
     """Draw the scene of a kind of `SHAPE_KINDS` and a seed: every wall is heard directly by six pings or more.
+
+    The path is clear of the outline and of holes, and crosses inner walls.
 
     Raises
     ------
     SceneError
         Where twenty thousand outlines give none.
     """
-    generator = np.random.default_rng([seed, list(SHAPE_KINDS).index(kind), _STREAM])
+    generator, drawn = np.random.default_rng([seed, list(SHAPE_KINDS).index(kind), _STREAM]), SHAPE_KINDS[kind]
     for _ in range(_DRAWS):
-        corners, turn = SHAPE_KINDS[kind].corners(generator), generator.uniform(0.0, 2.0 * np.pi)
+        corners, turn = drawn.corners(generator), generator.uniform(0.0, 2.0 * np.pi)
         c, s = np.cos(turn), np.sin(turn)
         corners = (corners - corners.mean(axis=0)) @ np.array([[c, s], [-s, c]])
         outline = shapely.Polygon(corners)
@@ -47,25 +64,36 @@ def shaped_scene(kind: str, seed: int) -> Scene:
         lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
         if not outline.is_valid or free.geom_type != 'Polygon' or lengths.min() < _LEAST_EDGE_M:
             continue
+        inside = drawn.inside(generator, corners) if drawn.inside else Inside()
+        if inside is None or inside.room(corners).buffer(-_CLEARANCE_M).geom_type != 'Polygon':
+            continue
         for _ in range(_PATH_DRAWS):
-            poses = legs_inside(corners, _PINGS, _STEP_M, _CLEARANCE_M, generator)
-            if audible_feet(corners, poses[:, :2]).sum(axis=0).min() >= _FEET:
-                return Scene(name=f'{kind}-{len(corners)}-{seed}', vertices=corners, poses=poses, seed=seed)
+            poses = _way(drawn.pings, corners, inside, generator)
+            if poses is not None and inside.feet(corners, poses[:, :2]).min() >= _FEET:
+                return Scene(name=f'{kind}-{len(corners)}-{seed}', vertices=corners, poses=poses, seed=seed,
+                             holes=inside.holes, inner_walls=inside.inner_walls)
     raise SceneError(f'{_DRAWS} outlines of the kind {kind} and none is heard by {_FEET} pings a wall')
 
 
+def _way(pings: int, corners: Points, inside: Inside, generator: np.random.Generator) -> Points | None:
+    """Draw poses (pings, 3); None for a walk that ends between a hole and a corner."""
+    holes = [hole.vertices for hole in inside.holes]
+    tour = Tour(corners, inside, generator, _FEET) if holes else None
+    try:
+        return legs_inside(corners, pings, _STEP_M, _CLEARANCE_M, generator, holes, tour)
+    except SceneError:
+        return None
+
+
 def clean_echoes(scene: Scene) -> Points:
-    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of its walls."""
-    return echoes_among(Reflectors.outline(scene.vertices, scene.reflection), scene)
+    """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of its walls.
 
-
-def echoes_among(reflectors: Reflectors, scene: Scene) -> Points:
-    """Return what a scene's pings hear among these walls, without noise (T, n_samples).
-
-    Every sequence of walls is tried: that is another tracer than the mapper's, by which `noise_free` goes.
+    That is another tracer than the mapper's, by which `noise_free` goes where nothing is inside the outline.
     """
+    walls = scene.reflectors
+
     def heard(position: Points) -> tuple[Points, Points]:
-        images, amplitude = heard_images(reflectors, position, scene.order)
+        images, amplitude = heard_images(walls, position, scene.order)
         return np.linalg.norm(images - position, axis=1), amplitude
 
     return noise_free(scene, heard)
@@ -147,5 +175,9 @@ SHAPE_KINDS = {
     'skewed_l': ShapeKind('L without right angles', _skewed(l_shape)),
     'skewed_t': ShapeKind('T without right angles', _skewed(t_shape)),
     'steps': ShapeKind('two steps', _steps),
+    'hole': ShapeKind('plate with a rectangular hole', plate, rectangles(1), 80),
+    'two_holes': ShapeKind('plate with two rectangular holes', plate, rectangles(2), 90),
+    'stiffener': ShapeKind('plate with a stiffener', plate, inner_wall(0.5, 0.8)),
+    'seam': ShapeKind('plate with a weld seam', plate, inner_wall(1.0, 1.0)),
 }
 """By name."""

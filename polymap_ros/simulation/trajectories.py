@@ -1,6 +1,6 @@
 """Paths of the robot: straight legs and turns, drawn, given, or taken from a recorded odometry."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import shapely
@@ -83,16 +83,17 @@ def fitted(
 
 
 def random_legs(
-    vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator
+    vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator,
+    holes: Sequence[NDArray[np.float64]] = (),
 ) -> NDArray[np.float64] | None:
     """Draw poses (count, 3) about `step_m` apart on legs between random places at least `clearance_m` inside.
 
     Each leg heads for a place drawn in the room and ends at the last whole step before it; the step varies by
     +-7 % from leg to leg. None where the room leaves no leg of one step, or the walk ran into a dead end. In a
-    room that is not convex it is as in `legs_inside`.
+    room that is not convex, or has holes, it is as in `legs_inside`.
     """
-    if not is_convex(np.ascontiguousarray(vertices)):
-        return legs_inside(vertices, count, step_m, clearance_m, generator)
+    if len(holes) or not is_convex(np.ascontiguousarray(vertices)):
+        return legs_inside(vertices, count, step_m, clearance_m, generator, holes)
     normals, offsets = half_planes(vertices)
     limits = offsets - clearance_m
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -116,18 +117,22 @@ def random_legs(
 
 
 def legs_inside(
-    vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator
+    vertices: NDArray[np.float64], count: int, step_m: float, clearance_m: float, generator: np.random.Generator,
+    holes: Sequence[NDArray[np.float64]] = (),
+    next_place: Callable[[Sequence[tuple[float, float, float]]], NDArray[np.float64]] | None = None,
 ) -> NDArray[np.float64]:
     """Draw poses (count, 3) `step_m` apart on straight legs between random places in a simple polygon (n, 2).
 
-    Each leg is clear of the edges, and ends at the last whole step before its place.
+    Each leg is clear of the edges, and of holes (k, 2), and ends at the last whole step before its place, which is
+    drawn from everywhere, or by `next_place` after the poses so far.
 
     Raises
     ------
     SceneError
         Where the polygon is too narrow for such a walk.
     """
-    free = shapely.Polygon(vertices).buffer(-clearance_m)
+    free = shapely.Polygon(vertices, holes).buffer(-clearance_m)
+    shapely.prepare(free)
     if free.is_empty:
         raise SceneError(f'no place in the polygon is {clearance_m:g} m away from its edges')
     poses: list[tuple[float, float, float]] = []
@@ -135,7 +140,7 @@ def legs_inside(
     for _ in range(_LEG_DRAWS * (count + _LEG_DRAWS)):
         if len(poses) >= count:
             return np.array(poses[:count])
-        target = generator.uniform(vertices.min(axis=0), vertices.max(axis=0))
+        target = next_place(poses) if next_place else generator.uniform(vertices.min(axis=0), vertices.max(axis=0))
         if not free.covers(shapely.Point(target) if place is None else shapely.LineString((place, target))):
             continue
         if place is not None:

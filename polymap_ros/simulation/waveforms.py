@@ -15,6 +15,7 @@ from polymap_ros.jit import kernel
 from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
 from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
 from polymap_ros.simulation.interference import INTERFERENCE_STREAM, interference
+from polymap_ros.simulation.reflectors import heard_images
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.transducer import Transduced
@@ -69,7 +70,7 @@ def pings(scene: Scene, clean: NDArray[np.float64] | None = None) -> list[Ping]:
 def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
     """Eq. (1) without noise and clutter and at gain 1, shape (T, n_samples).
 
-    `heard` takes the place of the scene's polygon, and of the distance between emitter and receiver.
+    `heard` takes the place of the scene's walls, and of the distance between emitter and receiver.
     """
     paths = [heard(position) for position in scene.positions] if heard else _heard(scene)
     medium = make_medium(scene.medium)
@@ -82,7 +83,9 @@ def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
 
 
 def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-    """Lengths and amplitudes of the paths from the emitter over the polygon's walls to the receiver, nearest first."""
+    """Lengths and amplitudes of the paths from the emitter over the walls to the receiver, nearest first."""
+    if scene.has_inside:
+        return _heard_among_all(scene)
     paths = []
     for emitter, receiver in zip(*scene.ends, strict=True):
         images = visible_images(scene.vertices, emitter, scene.order, scene.reflection, receiver)
@@ -91,6 +94,15 @@ def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]
             generator = scene.generator(EDGES_STREAM)
             amplitude = amplitude * np.exp(-1j * delays(scene.edges, generator, scene.vertices, images, receiver))
         paths.append(_over_floor_and_ceiling(scene, float(np.hypot(*(receiver - emitter))), images, amplitude))
+    return paths
+
+
+def _heard_among_all(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    """As `_heard`, of every sequence of the outline's, the holes' and the inner walls: by another tracer."""
+    walls, paths = scene.reflectors, []
+    for emitter, receiver in zip(*scene.ends, strict=True):
+        images, amplitude = heard_images(walls, emitter, scene.order, receiver)
+        paths.append((np.hypot(np.linalg.norm(images - receiver, axis=1), scene.sensor.baseline_z_m), amplitude))
     return paths
 
 

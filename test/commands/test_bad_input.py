@@ -104,6 +104,20 @@ def test_a_truth_that_is_none(call, altered, tmp_path):
     assert (tmp_path / 'out' / 'polygon.json').exists()
 
 
+def test_a_true_hole_that_is_not_found_is_told(call, triangle, tmp_path):
+    path = shutil.copytree(triangle, tmp_path / 'drive')
+    truth = json.loads((path / 'truth.json').read_text())
+    truth['holes'] = [{'vertices': [[0.0, 0.0], [0.1, 0.0], [0.0, 0.1]]}]
+    (path / 'truth.json').write_text(json.dumps(truth))
+    done = call('replay', *FAST, path, '--output', 'out')
+    assert '  holes: 0 found, 0 of 1 right' in done.out
+    truth['holes'] = 3
+    (path / 'truth.json').write_text(json.dumps(truth))
+    done = call('replay', *FAST, path, '--output', 'out')
+    assert 'lists of holes and of inner_walls; the map is not compared' in done.err
+    assert 'against the truth: ' in done.out
+
+
 def test_a_recording_of_which_every_chunk_is_damaged_is_told_as_that(call, triangle, tmp_path):
     file = write_mcap(tmp_path / 'other.mcap', raw_messages(triangle), crcs=False)
     content = file.read_bytes()

@@ -14,6 +14,7 @@ from polymap_ros.commands.simulate import main
 from polymap_ros.parameter_file import load_parameters
 from polymap_ros.parameters import PulseParameters
 from polymap_ros.pulse_file import read_pulse
+from polymap_ros.recordings.truth import read_true_inside
 from polymap_ros.recordings.writing import RecordingWriter
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import simulate
@@ -88,6 +89,22 @@ def test_a_recording_holds_the_scene(tmp_path, scene_file, capsys, name, storage
     np.testing.assert_array_equal(rows[:, :2], scene.poses[:, :2])
     np.testing.assert_allclose(2.0 * np.arctan2(rows[:, 5], rows[:, 6]), scene.poses[:, 2], atol=1e-12)
     np.testing.assert_array_equal(rows[:, 2:5], 0.0)
+
+
+def test_the_truth_has_holes_and_inner_walls_where_there_are_any(tmp_path, scene_file):
+    assert main([str(scene_file), '--output', str(tmp_path / 'plain')]) == 0
+    assert list(json.loads((tmp_path / 'plain' / 'truth.json').read_text())) == ['vertices']
+    scene_file.write_text(SCENE + '''
+holes: [[[0.6, 0.4], [0.7, 0.4], [0.7, 0.5]]]
+inner_walls: [{start: [0.8, 0.1], end: [0.8, 0.6], reflection: 0.6}]
+''')
+    assert main([str(scene_file), '--output', str(tmp_path / 'plate')]) == 0
+    truth = json.loads((tmp_path / 'plate' / 'truth.json').read_text())
+    assert truth['holes'] == [{'vertices': [[0.7, 0.5], [0.7, 0.4], [0.6, 0.4]]}]
+    assert truth['inner_walls'] == [{'start': [0.8, 0.1], 'end': [0.8, 0.6], 'reflection': 0.6, 'transmission': 0.8}]
+    known = read_true_inside(tmp_path / 'plate')
+    np.testing.assert_array_equal(known.holes, [[[0.7, 0.5], [0.7, 0.4], [0.6, 0.4]]])
+    np.testing.assert_array_equal(known.inner_walls, [[[0.8, 0.1], [0.8, 0.6]]])
 
 
 def test_making_it_again_gives_the_same_stamps_and_samples(tmp_path, scene_file):

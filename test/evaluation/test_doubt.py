@@ -31,22 +31,22 @@ def test_a_straight_path_is_flagged():
 
 def test_the_table_tells_flagged_right_and_silently_wrong(make_trial):
     trials = [
-        entry(make_trial, 'seam', 1), entry(make_trial, 'seam', 2, right=False),
-        entry(make_trial, 'seam', 3, right=False, cautions=('weak_edge', 'unexplained')),
-        entry(make_trial, 'seam', 4, right=False, status='open', cautions=('unexplained',)),
+        entry(make_trial, 'straight', 1), entry(make_trial, 'straight', 2, right=False),
+        entry(make_trial, 'straight', 3, right=False, cautions=('weak_edge', 'unexplained')),
+        entry(make_trial, 'straight', 4, right=False, status='open', cautions=('unexplained',)),
         entry(make_trial, 'ordinary', 1), entry(make_trial, 'ordinary', 2, cautions=('weak_edge',)),
     ]
-    seam, ordinary = cells(doubt_table(trials))[2:]
-    assert seam[2:] == ['4', 'yes', '50.0 %', '25.0 %', '25.0 %', 'closed 3, open 1', 'unexplained 2, weak_edge 1']
+    straight, ordinary = cells(doubt_table(trials))[2:]
+    assert straight[2:] == ['4', 'yes', '50.0 %', '25.0 %', '25.0 %', 'closed 3, open 1', 'unexplained 2, weak_edge 1']
     assert ordinary[2:] == ['2', 'no', '50.0 %', '50.0 %', '0.0 %', 'closed 2', 'weak_edge 1']
 
 
 def test_faults_are_what_should_be_flagged_and_is_not_and_ordinary_scenes_that_are(make_trial):
     trials = [
-        entry(make_trial, 'seam', 1), entry(make_trial, 'seam', 2, cautions=('weak_edge',)),
+        entry(make_trial, 'straight', 1), entry(make_trial, 'straight', 2, cautions=('weak_edge',)),
         entry(make_trial, 'bent', 3), entry(make_trial, 'bent', 4, right=False),
         entry(make_trial, 'ordinary', 5), entry(make_trial, 'ordinary', 6, cautions=('weak_edge',)),
         entry(make_trial, 'ordinary', 7, right=False),
     ]
-    assert faults(trials) == '- paper, seam: 4-1\n- paper, bent: 4-4\n- paper, ordinary: 4-6, 4-7'
+    assert faults(trials) == '- paper, straight: 4-1\n- paper, bent: 4-4\n- paper, ordinary: 4-6, 4-7'
     assert faults(trials[1:3]) == '- none'

@@ -8,8 +8,9 @@ import pytest
 from ruamel.yaml import YAML
 
 from polymap_ros.errors import RecordingError
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.recordings.reading import Recording, Topic
-from polymap_ros.recordings.truth import read_truth
+from polymap_ros.recordings.truth import read_true_inside, read_truth
 from polymap_ros.recordings.writing import make
 
 ODOMETRY, SCAN, STRING = 'nav_msgs/msg/Odometry', 'sensor_msgs/msg/LaserScan', 'std_msgs/msg/String'
@@ -196,3 +197,24 @@ def test_a_truth_that_is_none_is_refused(tmp_path, text):
     (tmp_path / 'truth.json').write_text(text)
     with pytest.raises(RecordingError, match=r'truth\.json: '):
         read_truth(tmp_path)
+
+
+def test_what_is_truly_inside_may_be_left_out_and_is_moved(tmp_path):
+    assert read_true_inside(tmp_path).holes == ()
+    (tmp_path / 'truth.json').write_text('{"vertices": [[0, 0], [1, 0], [0, 2]]}')
+    assert (read_true_inside(tmp_path).holes, read_true_inside(tmp_path).inner_walls) == ((), ())
+    (tmp_path / 'truth.json').write_text('{"holes": [{"vertices": [[0, 0], [1, 0], [0, 2]]}], '
+                                         '"inner_walls": [{"start": [0, 1], "end": [1, 1], "reflection": 0.3}]}')
+    moved = read_true_inside(tmp_path).moved(Pose(1.0, 2.0, np.pi / 2))
+    np.testing.assert_allclose(moved.holes, [[[-1, 2], [1, 3], [1, 2]]], atol=1e-12)  # clockwise
+    np.testing.assert_allclose(moved.inner_walls, [[[0, 2], [0, 3]]], atol=1e-12)
+
+
+@pytest.mark.parametrize('text', [
+    '', '[]', '{"holes": 3}', '{"inner_walls": {}}', '{"holes": [3]}', '{"holes": [{"vertices": [[0, 0], [1, 0]]}]}',
+    '{"inner_walls": [3]}', '{"inner_walls": [{"start": [0, 1]}]}', '{"inner_walls": [{"start": [0, 1], "end": [0]}]}',
+    '{"inner_walls": [{"start": [0, 1], "end": [0, NaN]}]}'])
+def test_what_cannot_be_inside_is_refused(tmp_path, text):
+    (tmp_path / 'truth.json').write_text(text)
+    with pytest.raises(RecordingError, match=r'truth\.json: '):
+        read_true_inside(tmp_path)

@@ -6,6 +6,7 @@ import numpy as np
 
 from polymap_ros.cautions import Caution
 from polymap_ros.geometry.alignment import PathError
+from polymap_ros.geometry.inside_error import compare_inside
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
@@ -33,6 +34,20 @@ def test_a_closed_room():
     assert 'against the truth: 4 edges of 4, right; IoU 0.9960' in lines
     assert '  wall offset: median 1 mm, largest 2 mm' in lines
     assert '  wall angle: median 0 deg, largest 0 deg' in lines
+
+
+def test_what_is_inside_is_compared_where_there_is_any():
+    estimate, seam = Estimate('closed', 'evidence', polygon=ROOM), np.array((SEAM.start, SEAM.end))
+
+    def told(*inside):
+        return [line for line in summary(estimate, 'odom', PingCounts(5, 5, {}), comparison=compare(CORNERS, CORNERS),
+                                         inside=compare_inside(*inside)).splitlines() if ' found, ' in line]
+
+    assert told([], [], [], []) == []
+    assert told([HOLE_CORNERS], [], [HOLE_CORNERS], [seam]) == [
+        '  holes: 1 found, 1 of 1 right', '  inner walls: 0 found, 0 of 1 right']
+    assert told([HOLE_CORNERS], [seam], [], [seam + 0.1]) == [
+        '  holes: 1 found, 0 of 0 right', '  inner walls: 1 found, 0 of 1 right']
 
 
 HOLE_CORNERS = np.array([[0.5, 0.25], [0.5, 0.75], [1.0, 0.75], [1.0, 0.25]])
