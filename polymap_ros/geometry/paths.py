@@ -132,7 +132,8 @@ def trace_paths(
             hits += 1
         for level in range(hits, order):
             paths.walls[kept, level] = -1
-        weight = paths.images[m, 2] * _back_traced(sides.rows, sides.forward, ends, hits, soft, derive, kept, chain, paths)
+        weight = paths.images[m, 2] * _back_traced(
+            sides.rows, sides.forward, ends, hits, soft, derive, kept, chain, paths)
         if weight > 0.0:
             if derive and up > 0.0:
                 paths.slopes[kept, :hits] *= flat / d

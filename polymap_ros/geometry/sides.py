@@ -75,7 +75,7 @@ def sides_of(
     No wall may be as short as `shortest` [m].
     """
     holes, spans = interior
-    ring = len(lines) - len(spans) - np.sum(holes)
+    ring = len(lines) - len(spans) - int(np.sum(holes))
     outline, corners = corners_of(lines[:ring], shortest)
     if not outline:
         return False, _room(0)
@@ -96,7 +96,7 @@ def sides_of(
                 return False, sides
             known += count
         _add_ring(hole, first, soft, sides)
-        first += holes[number]
+        first += int(holes[number])
     for k in range(len(spans)):
         if not _add_inner(lines[first + k], spans[k], first, first + 2 * k, corners, soft, shortest, sides):
             return False, sides
@@ -194,10 +194,10 @@ def _add_inner(
     _fill(sides.rows[at + 1], -c, -s, -r, -high, -low, soft)
     sides.forward[at + 1] = -1.0
     wall = rings + (at - rings) // 2
-    for side in (at, at + 1):
-        sides.wall[side], sides.passed[side] = wall, span[2]
+    for face in (at, at + 1):
+        sides.wall[face], sides.passed[face] = wall, span[2]
         for met in (start, end):
             if met >= 0:
-                sides.corners[side, met] = sides.corners[met, side] = _CONVEX
+                sides.corners[face, met] = sides.corners[met, face] = _CONVEX
     sides.corners[at, at + 1] = sides.corners[at + 1, at] = _REFLEX
     return True

@@ -122,7 +122,8 @@ def test_an_inner_wall_ends_where_it_meets_the_outline():
     assert sides_of(polygon_lines(OUTLINE), NOTHING, 0.0)[1].convex
 
 
-@pytest.mark.parametrize('make', [lambda: with_hole(OUTLINE, HOLE), lambda: with_inner(OUTLINE, (0.4, 0.3), (1.2, 0.8))])
+@pytest.mark.parametrize(
+    'make', [lambda: with_hole(OUTLINE, HOLE), lambda: with_inner(OUTLINE, (0.4, 0.3), (1.2, 0.8))])
 def test_slopes_are_differences_of_the_paths(make):
     lines, interior = make()
     step, compared = 1e-6, 0

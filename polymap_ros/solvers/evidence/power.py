@@ -117,8 +117,10 @@ class PowerLikelihood:
         explained = np.zeros_like(self.data.power)
         if len(storey):
             scores, information = np.empty((len(explained), 0)), np.empty((len(explained), 0, 0))
-            power_likelihood(outline_sides(np.empty((0, 2)), 0.0, True), FULL_ORDER, self._heard, np.empty(0), self._images(storey, FULL_ORDER),
-                             strength, np.zeros(explained.shape[1]), False, explained, scores, information)
+            power_likelihood(
+                outline_sides(np.empty((0, 2)), 0.0, True), FULL_ORDER, self._heard, np.empty(0),
+                self._images(storey, FULL_ORDER), strength, np.zeros(explained.shape[1]), False, explained, scores,
+                information)
         background = self._smooth(self.data.mean_power - 1.0 - strength * np.mean(explained, axis=0))
         return Power(none, strength, background, self.quiet(background), explained, storey=storey)
 

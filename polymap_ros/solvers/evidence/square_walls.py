@@ -102,7 +102,9 @@ class SquareWalls(Walls):
 
 def free(walls: Walls) -> Walls:
     """Return the same walls, each by itself."""
-    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior) if isinstance(walls, SquareWalls) else walls
+    if not isinstance(walls, SquareWalls):
+        return walls
+    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior)
 
 
 def tied_hole(walls: Walls, lines: NDArray[np.float64]) -> SquareWalls:

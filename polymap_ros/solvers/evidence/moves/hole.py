@@ -18,7 +18,7 @@ from polymap_ros.solvers.evidence.rings import RingFeet, ring_feet
 from polymap_ros.solvers.evidence.square_walls import tied_hole
 from polymap_ros.solvers.evidence.tuning import PRICE, SEARCH_ORDER
 
-_CANDIDATES = 60
+_TRIED_SIDES = 60
 """Lines of each of two rankings that are tried as a side of a hole."""
 
 _SIDES_M = 0.08, 0.6
@@ -30,10 +30,10 @@ _STEP_WIDTHS = 1.0
 _FINER = 0.5, 0.25, 0.125, 0.0625
 """Shares of these steps by which the best are moved, turned and stretched."""
 
-_HEARD = 10.0
+_BEGUN_FROM = 10.0
 """Evidence [nats] of the side from which a rectangle is begun."""
 
-_SCORED, _REFINED = 12, 3
+_SCORED, _CLIMBED = 12, 3
 """Rectangles that are scored by power, and how many of them are refined."""
 
 
@@ -50,7 +50,7 @@ def with_hole(ground: Ground, power: Power) -> Power | None:
         if np.isfinite(value):
             trials.append((value, walls))
     best, least = None, fitted.value + 4.0 * PRICE
-    for _, walls in sorted(trials, key=lambda each: -each[0])[:_REFINED]:
+    for _, walls in sorted(trials, key=lambda each: -each[0])[:_CLIMBED]:
         ground.checkpoint()
         rough = ground.power.refine(walls, fitted, 2, 4)
         fine = rough and ground.power.refine(rough.walls, rough, SEARCH_ORDER, 4)
@@ -62,7 +62,7 @@ def with_hole(ground: Ground, power: Power) -> Power | None:
 def _rectangles(ground: Ground, fitted: Power) -> list[NDArray[np.float64]]:
     """Return the lines (4, 2) of rectangles, clockwise, those with the most evidence first."""
     data = ground.data
-    candidates = oriented_lines(data, fitted.expected, fitted.strength, _CANDIDATES).lines
+    candidates = oriented_lines(data, fitted.expected, fitted.strength, _TRIED_SIDES).lines
     feet = ring_feet(data, fitted.expected, fitted.strength)
     _, corners = corners_of(fitted.walls.outline)
     step = _STEP_WIDTHS * ground.width_m
@@ -112,7 +112,7 @@ def _scan(
         start = low + at * step
         for i in range(sides):
             width = least + i * step
-            if _front(r, theta, start, width, feet) < _HEARD:
+            if _front(r, theta, start, width, feet) < _BEGUN_FROM:
                 continue
             for k in range(sides):
                 value = _evidence(r, theta, start, width, least + k * step, feet, corners)

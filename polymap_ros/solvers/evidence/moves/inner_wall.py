@@ -26,7 +26,7 @@ _SUPPOSED = 0.3
 _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most."""
 
-_LISTED, _REFINED = 6, 2
+_LISTED, _TUNED = 6, 2
 """Lines that are tried, the best that are a pulse's width apart, and how many of them are refined."""
 
 _STEPS_M, _SHARES = (0.4, 0.1, 0.03, 0.01), (0.1, 0.03, 0.01)
@@ -56,7 +56,7 @@ def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
         trial = ground.wave.evaluate(walls, replace(wave, slopes=None), FULL_ORDER)
         if trial is not None:
             trials.append(trial)
-    for trial in sorted(trials, key=lambda each: -each.value)[:_REFINED]:
+    for trial in sorted(trials, key=lambda each: -each.value)[:_TUNED]:
         ground.checkpoint()
         found = tuned(ground, trial)
         if found is not None and found.value > wave.value + least_gain(wave.value) and found.walls.heard_through:
@@ -135,7 +135,8 @@ def _inner_lines(
             break
         if not ground.one_of(line, [known for known, _, _ in found]):
             coefficient = float(np.clip(runs.x[sign, row, column] / runs.y[sign, row, column], -0.95, 0.95))
-            found.append((line, (runs.start[sign, row, column], runs.end[sign, row, column]), coefficient))
+            ends = float(runs.start[sign, row, column]), float(runs.end[sign, row, column])
+            found.append((line, ends, coefficient))
     return found
 
 
@@ -160,7 +161,7 @@ def _add_runs(
     positions: NDArray[np.float64], corners: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
     order: NDArray[np.int64], first: float, margin: float, supposed: float, runs: _Runs,
 ) -> None:
-    """Fill the best runs by feet inside the outline, a margin away from it, of a positive and a negative coefficient."""
+    """Fill the best runs of feet inside the outline, a margin off it, of a positive and of a negative coefficient."""
     n, last = len(positions), x.shape[1] - 1
     low, high = np.empty(n), np.empty(n)
     sums = np.empty((2, 4))
