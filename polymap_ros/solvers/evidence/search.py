@@ -194,21 +194,22 @@ class Search(Ground):
         return more if more.value - nothing > HOLE_WORTH * (fitted.value - nothing) else None
 
     def pierced(self, power: Power) -> Iterator[Found]:
-        """Give what an outline may be with a hole, with two and so on."""
-        more: Power | None = power
-        for _ in range(HOLES):
-            if more is None:
-                return
-            settled = self.settle(more)
-            if settled is not None:
-                yield settled
-            # Without the hole, its echoes may have bent the outline.
-            power = improved(self, more, SEARCH_ORDER, np.empty((0, 2)), residual=True)
-            settled = self.settle(power) if power.value > more.value + ANOTHER_POLYGON else None
-            if settled is not None:
-                yield settled
+        """Give what an outline may be with a hole, and with further ones as long as they are worth clearly more."""
+        nothing = self.nothing.value
+        for count in range(1, HOLES + 1):
+            # Without a hole, its echoes may have bent the outline.
+            changed = improved(self, power, 2, np.empty((0, 2)), residual=True)
+            refined = self.power.refine(changed.walls, changed, SEARCH_ORDER, 4)
+            if refined is not None and refined.value > power.value + ANOTHER_POLYGON:
+                power = refined
             self.checkpoint()
-            more = with_hole(self, power)
+            more = with_hole(self, power) if count < HOLES else None
+            if more is None or more.value - nothing < RING_WORTH * (power.value - nothing):
+                settled = self.settle(power)
+                if settled is not None:
+                    yield settled
+                return
+            power = more
 
     def by_power(self, start: Start) -> Power:
         """Improve a start by single changes, by echoes of two orders, then of three."""

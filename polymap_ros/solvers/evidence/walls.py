@@ -124,6 +124,15 @@ class Walls:
                        delay=np.delete(self.delay, wall) if len(self.delay) else self.delay,
                        interior=self._interior_without(wall))
 
+    def without_hole(self, hole: int) -> Self:
+        """Return the walls without those of a hole."""
+        holes, spans = self.interior
+        first = self.ring + int(holes[:hole].sum())
+        fewer = self
+        for _ in range(int(holes[hole])):
+            fewer = fewer.without(first)
+        return replace(fewer, interior=Interior(np.delete(holes, hole), spans))
+
     def _interior_without(self, wall: int) -> Interior:
         holes, spans = self.interior
         after = wall - self.ring

@@ -17,7 +17,7 @@ from polymap_ros.geometry.sides import Interior
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground, least_gain
 from polymap_ros.solvers.evidence.moves.standing import Standing
-from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, HEARD_THROUGH, INNER_WALLS, SEARCH_ORDER
+from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, HEARD_THROUGH, INNER_WALLS, PHASED, SEARCH_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
 _SUPPOSED = 0.3
@@ -46,7 +46,8 @@ class _Runs(NamedTuple):
 def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
     """Return the waveform with the inner wall that brings most of what is left, if that is enough to be sure."""
     wave = standing.wave
-    if standing.explained < HEARD_THROUGH or len(wave.walls.interior.spans) >= INNER_WALLS:
+    holes, spans = wave.walls.interior
+    if standing.explained < (PHASED if len(holes) else HEARD_THROUGH) or len(spans) >= INNER_WALLS:
         return None
     trials = []
     for line, span, reflection in _inner_lines(ground, wave):

@@ -12,9 +12,10 @@ _SHARED = 5.0 * OBVIOUS
 
 
 def drop_wall(ground: Ground, standing: Standing) -> Wave | None:
-    """Return the best waveform with one edge fewer, if it is worth more."""
-    wave = standing.wave
-    return _best(ground, wave, [wave.walls.without(wall) for wall in range(len(wave.walls))])
+    """Return the best waveform with one wall fewer, or one hole, if it is worth more."""
+    wave, holes = standing.wave, len(standing.wave.walls.interior.holes)
+    trials = [wave.walls.without(wall) for wall in range(len(wave.walls))]
+    return _best(ground, wave, trials + [wave.walls.without_hole(hole) for hole in range(holes)])
 
 
 def merge_walls(ground: Ground, standing: Standing) -> Wave | None:
