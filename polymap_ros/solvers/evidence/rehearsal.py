@@ -11,6 +11,8 @@ from polymap_ros.solvers.checkpoint import Stopped
 from polymap_ros.solvers.evidence.first_walls import first_walls
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import rehearse_faint
+from polymap_ros.solvers.evidence.moves.hole import rehearse_holes
+from polymap_ros.solvers.evidence.moves.inner_wall import rehearse_inner_walls
 from polymap_ros.solvers.evidence.moves.start import chosen, start_at
 from polymap_ros.solvers.evidence.proposals import Candidates
 from polymap_ros.solvers.evidence.ring_search import rehearse_rings
@@ -44,5 +46,7 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
     rehearse_faint()
     if parameters.solver.outline == 'auto' and IS_COMPILED:
         rehearse_rings(search, walls.lines)
+        rehearse_holes(search, walls.lines)
+        rehearse_inner_walls()
     first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)
     Snapshot.of(evidence).region.iou(corners_of(walls.lines)[1])

@@ -82,6 +82,15 @@ def _rectangles(ground: Ground, fitted: Power) -> list[NDArray[np.float64]]:
     return [_lines(row) for row in chosen]
 
 
+def rehearse_holes(ground: Ground, outline: NDArray[np.float64]) -> None:
+    """Use the kernels once, on a line (r, theta) of an outline (n, 2) and whatever the pings heard."""
+    feet, (r, theta) = ring_feet(ground.data, ground.nothing.expected, 1.0), outline[0]
+    _, corners = corners_of(outline)
+    found = np.zeros(6)
+    _scan(r, theta, feet, corners, 1.0, *_SIDES_M, found)
+    _climb(feet, corners, 1.0, 1.0, np.array((np.inf, r, theta, 0.0, 1.0, 1.0)))
+
+
 def _lines(rectangle: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the lines (4, 2) of a rectangle: its evidence, r, theta, where it starts along that line, width, depth."""
     _, r, theta, start, width, depth = rectangle

@@ -141,6 +141,14 @@ def _inner_lines(
     return found
 
 
+def rehearse_inner_walls() -> None:
+    """Use the kernel once."""
+    one, shape = np.ones(1), (2, 1, 1)
+    triangle = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+    _add_runs(np.ones((1, 8), np.float32), np.ones(8), 1.0, one, np.zeros((1, 2)), triangle, one, one,
+              np.zeros((1, 1), np.int64), 0.0, 0.0, _SUPPOSED, _Runs(*(np.zeros(shape) for _ in _Runs._fields)))
+
+
 def _by_range(ground: Ground, wave: Wave) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Return x (N, m) of what a waveform leaves, and y (m,) at amplitude 1, at every sixteenth of a cycle of range."""
     data = ground.data
