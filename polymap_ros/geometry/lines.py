@@ -41,12 +41,20 @@ def mirrored_lines(lines: ArrayLike, middle: ArrayLike, along: ArrayLike) -> NDA
     return np.column_stack((r + x * (np.cos(turned) - np.cos(theta)) + y * (np.sin(turned) - np.sin(theta)), turned))
 
 
-def feet_on_edges(vertices: ArrayLike, points: ArrayLike, weights: ArrayLike = 1) -> NDArray[np.intp]:
-    """How many of the points (m, 2), each counted `weights` times, have their foot on each edge; shape (n,)."""
+def feet_on_edges(
+    vertices: ArrayLike, points: ArrayLike, weights: ArrayLike = 1, in_front: bool = False
+) -> NDArray[np.intp]:
+    """How many of the points (m, 2), each counted `weights` times, have their foot on each edge; shape (n,).
+
+    Only of those that are `in_front` of it, on its left, if asked for.
+    """
     corners, points = np.asarray(vertices, dtype=float), np.asarray(points, dtype=float)
     along = np.roll(corners, -1, axis=0) - corners
     share = np.einsum('mnk,nk->mn', points[:, None] - corners, along) / np.sum(along**2, axis=1)
     inside = (share >= 0.0) & (share <= 1.0)
+    if in_front:
+        to_left = np.column_stack((-along[:, 1], along[:, 0]))
+        inside &= np.einsum('mnk,nk->mn', points[:, None] - corners, to_left) > 0.0
     count: NDArray[np.intp] = np.sum(inside * np.reshape(np.asarray(weights, np.intp), (-1, 1)), axis=0)
     return count
 

@@ -85,6 +85,8 @@ def test_feet_are_counted_where_the_perpendicular_meets_the_edge():
     points = np.array([(0.5, 0.5), (1.9, 0.1), (3.0, 0.5), (-1.0, 2.0), (2.0, 1.0)])
     assert feet_on_edges(corners, points).tolist() == [3, 4, 3, 4]
     assert feet_on_edges(corners, np.empty((0, 2))).tolist() == [0, 0, 0, 0]
+    # Of the edges' left sides only: (3, 0.5) is behind the edge at x = 2, and (2, 1) on it and on the one at y = 1.
+    assert feet_on_edges(corners, points, in_front=True).tolist() == [3, 2, 2, 4]
 
 
 def test_iou_of_known_shapes():

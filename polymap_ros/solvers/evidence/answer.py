@@ -192,7 +192,7 @@ def _ring(
     """The outline or a hole, whose walls are those from the first on, with what is known of every edge."""
     _, corners = ring_corners(lines, 0.0, around)
     own = slice(2 * first, 2 * (first + len(lines)))
-    pings, covariance = feet_on_edges(corners, positions), certainty.covariance[own, own]
+    pings, covariance = feet_on_edges(corners, positions, in_front=True), certainty.covariance[own, own]
     edges = tuple(_edge(line, first + k, certainty, int(pings[k])) for k, line in enumerate(lines))
     return Candidate(corners, edges, covariance)
 

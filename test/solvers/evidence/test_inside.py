@@ -134,7 +134,7 @@ def test_a_hole_is_found_by_power_and_settled_by_the_waveform():
         hole = walls.lines[walls.ring:]
         off = np.abs(hole[:, None, 0] - true[None, :, 0]) + np.abs(wrapped(hole[:, None, 1] - true[None, :, 1]))
         assert np.all(off.min(axis=1) < within)
-    assert found.explained < 0.5
+    assert found.explained < 0.7  # by power alone
     assert settled.explained > 0.99
 
 

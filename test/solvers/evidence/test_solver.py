@@ -208,7 +208,7 @@ def test_a_search_that_failed_waits_for_a_tenth_more_pings(hexagon, monkeypatch)
     scene, samples, _, _ = hexagon
     searched = []
     monkeypatch.setattr(Search, 'polygons', lambda self, *_: iter([searched.append(len(self.data.positions))]))
-    monkeypatch.setattr(Search, 'rings', lambda *_: iter(()))
+    monkeypatch.setattr(Search, 'not_convex', lambda *_: iter(()))
     monkeypatch.setattr(drift, 'windows', lambda *_: iter(()))
     mapper = listen(scene, samples, 20)
     for k in range(20, 25):
