@@ -3,6 +3,8 @@
 That with any other polygon is shapely's.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
@@ -38,11 +40,11 @@ class Region:
         self.area = float(shape.area)
         self._shape = shape
 
-    def iou(self, vertices: ArrayLike) -> float:
-        """Intersection over union with a counter-clockwise polygon (n, 2); 0 if it has no vertices."""
+    def iou(self, vertices: ArrayLike, holes: Sequence[ArrayLike] = ()) -> float:
+        """Intersection over union with a counter-clockwise polygon (n, 2) with holes; 0 if it has no vertices."""
         starts = np.ascontiguousarray(vertices, dtype=float).reshape(-1, 2)
-        if not is_convex(starts):
-            polygon = shapely.Polygon(starts)
+        if len(holes) or not is_convex(starts):
+            polygon = shapely.Polygon(starts, holes)
             both = float(shapely.intersection(polygon, self._shape).area)
             return both / (self.area + float(polygon.area) - both)
         along = np.concatenate((starts[1:], starts[:1])) - starts

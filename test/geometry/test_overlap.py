@@ -66,3 +66,10 @@ def test_overlap_does_not_depend_on_the_corner_a_polygon_starts_with():
 def test_nothing_overlaps_with_nothing():
     assert Region(shapely.Polygon()).iou(TRIANGLE) == 0.0
     assert Region(REGIONS['inside']).iou(np.empty((0, 2))) == 0.0
+
+
+def test_a_polygon_with_holes_is_what_shapely_says():
+    hole = 0.3 * (TRIANGLE - TRIANGLE.mean(axis=0)) + TRIANGLE.mean(axis=0)
+    pierced = shapely.Polygon(TRIANGLE, [hole])
+    for shape in REGIONS.values():
+        assert Region(shape).iou(TRIANGLE, [hole]) == pytest.approx(shapely_iou(shape, pierced), abs=1e-12)

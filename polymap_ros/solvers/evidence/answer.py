@@ -20,6 +20,7 @@ from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.tracking import Chain
 from polymap_ros.solvers.evidence.tuning import EXPLAINED
+from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.snapshot import Snapshot
 from polymap_ros.solvers.solver import Evidence
 from polymap_ros.solvers.straightness import path_axis
@@ -101,7 +102,7 @@ class Findings:
         if self.straight and (gap or min(certainty.likelihood) < CERTAIN):
             return self.open()
         candidate = _ring(found.lines, 0, certainty, self.search.data.positions)
-        cautions = (*self.straight, *self._cautions(found, candidate))
+        cautions = (*self.straight, *self._cautions(found, certainty))
         answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions,
                           storey=found.storey)
         if self.straight:
@@ -114,14 +115,15 @@ class Findings:
             second = _ring(other.lines, 0, certainty_of(self.search, other), self.search.data.positions)
             return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, second),
                                        cautions=(wording.as_likely_mirrored(), *cautions))
-        return dataclasses.replace(answer, status='closed', polygon=candidate,
-                                   iou_free_area=self.snapshot.region.iou(candidate.vertices),
-                                   holes=_holes(found, certainty, self.search.data.positions),
+        holes = _holes(found, certainty, self.search.data.positions)
+        overlap = self.snapshot.region.iou(candidate.vertices, [hole.vertices for hole in holes])
+        return dataclasses.replace(answer, status='closed', polygon=candidate, iou_free_area=overlap, holes=holes,
                                    inner_walls=_inner_walls(found, certainty, self.search.data))
 
-    def _cautions(self, found: Found, candidate: Candidate) -> list[Caution]:
+    def _cautions(self, found: Found, certainty: Certainty) -> list[Caution]:
         cautions = []
-        weak = [k for k, edge in enumerate(candidate.edges) if edge.likelihood < CERTAIN]
+        weak = [name for name, likelihood in zip(_names(found.walls), certainty.likelihood, strict=True)
+                if likelihood < CERTAIN]
         if weak:
             cautions.append(wording.weak_edges(weak))
         if self.unheard:
@@ -164,6 +166,14 @@ class Findings:
         middle, along = path_axis(self.snapshot.positions)
         return tuple(wall for wall in walls
                      if wall.likelihood >= CERTAIN and not (self.straight and _has_two_sides(wall, middle, along)))
+
+
+def _names(walls: Walls) -> list[str]:
+    """What walls are called in pictures and reports: by number, those of hole 0 H0.0 and so on, inner walls W0."""
+    holes, spans = walls.interior
+    return [*(str(edge) for edge in range(walls.ring)),
+            *(f'H{hole}.{edge}' for hole, count in enumerate(holes.tolist()) for edge in range(count)),
+            *(f'W{wall}' for wall in range(len(spans)))]
 
 
 def misheard(evidence: Evidence) -> bool:

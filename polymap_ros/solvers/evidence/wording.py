@@ -143,9 +143,9 @@ def corner_too_far(distance_m: float) -> Caution:
         'drive nearer to the far end; or raise grid.range_max_m, where the pings are long enough')
 
 
-def weak_edges(weak: Sequence[int]) -> Caution:
-    """Say which edges are not certain."""
-    which = f'edge {weak[0]} is' if len(weak) == 1 else f'edges {", ".join(map(str, weak))} are'
+def weak_edges(weak: Sequence[str]) -> Caution:
+    """Say which edges, by their names in pictures and reports, are not certain."""
+    which = f'edge {weak[0]} is' if len(weak) == 1 else f'edges {", ".join(weak)} are'
     return Caution('weak_edge', f'{which} likely, but not certain')
 
 

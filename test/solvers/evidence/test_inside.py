@@ -11,6 +11,8 @@ from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.sides import Interior
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.shaped_scenes import shaped_scene
+from polymap_ros.solvers.evidence.answer import _names
+from polymap_ros.solvers.evidence.certainty import certainty_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall
@@ -71,6 +73,15 @@ def test_what_reflects_nearly_all_is_no_inner_wall():
     walls = furnished()
     assert walls.heard_through
     assert not dataclasses.replace(walls, reflection=np.append(walls.reflection[:8], -0.9)).heard_through
+
+
+def test_an_unsure_wall_is_told_by_its_name():
+    _, search, found, _ = searching('seam', 2)
+    wave = add_inner_wall(search, Standing(found.power, found.wave, found.explained))
+    certainty = certainty_of(search, search.judged(found.power, wave))
+    assert certainty.likelihood.min() > 0.9
+    assert certainty.unsupported == 0
+    assert _names(furnished()) == ['0', '1', '2', '3', 'H0.0', 'H0.1', 'H0.2', 'H0.3', 'W0']
 
 
 def test_walls_of_a_hole_turn_together_until_they_are_free():

@@ -69,8 +69,8 @@ def test_gaps_in_a_polygon():
 
 
 def test_edges_and_corners_are_named():
-    assert wording.weak_edges([2]).finding == 'edge 2 is likely, but not certain'
-    assert wording.weak_edges([0, 3]).finding == 'edges 0, 3 are likely, but not certain'
+    assert wording.weak_edges(['2']).finding == 'edge 2 is likely, but not certain'
+    assert wording.weak_edges(['0', 'H0.3']).finding == 'edges 0, H0.3 are likely, but not certain'
     assert wording.corners_unheard({4: 0.15, 1: 0.0074}).finding.startswith(
         'no echo has been near corner 1 (up to 7 mm of it), 4 (up to 0.15 m of it): ')
 
