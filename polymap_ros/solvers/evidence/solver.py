@@ -21,7 +21,7 @@ from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_o
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
-from polymap_ros.solvers.evidence.tracking import Chain, Track
+from polymap_ros.solvers.evidence.tracking import Chain, Track, heard_through
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
 from polymap_ros.solvers.snapshot import Snapshot
@@ -224,6 +224,8 @@ class EvidenceSolver:
         if found is None or len(found.storey):
             reported = reported.between(*self._storey(reported))
         track = begun(reported, chain, found)
+        if track is not None and self._beyond_convex(reported):
+            track = heard_through(reported, chain, track)
         self._untracked = track is None
         if track is None or (found is not None and track.found.explained < found.explained + _MORE):
             return None

@@ -22,7 +22,7 @@ from polymap_ros.solvers.evidence.odometry import SLIP, Increments, OdometryNois
 from polymap_ros.solvers.evidence.power import PowerLikelihood
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.trajectory import Joint, JointLikelihood, World
-from polymap_ros.solvers.evidence.tuning import FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER
 from polymap_ros.solvers.evidence.waveform import WaveformLikelihood
 
 CONSISTENT, FOUND = 0.85, 0.6
@@ -207,9 +207,18 @@ def improved_track(search: Search, chain: Chain, track: Track) -> Track:
         return track
     if better.found.wave is not None and not np.any(better.found.walls.known):
         changed = better.search.changed(better.found.power, better.found.wave)
-        if changed is not None and len(changed.lines) != len(better.found.lines):
+        if changed is not None and len(changed.walls) != len(better.found.walls):
             again = refined(search, chain, changed, better.pings, better.poses)
             better = again or better
+    return better
+
+
+def heard_through(search: Search, chain: Chain, track: Track) -> Track:
+    """Return a track with walls that stand inside, walls and poses refined with them, where that explains more."""
+    found = None if track.found.explained > ALL_EXPLAINED else track.search.heard_through(track.found)
+    better = None if found is None else refined(search, chain, found, track.pings, track.poses)
+    if better is None or not better.found.walls.heard_through or better.found.value < track.found.value:
+        return track
     return better
 
 

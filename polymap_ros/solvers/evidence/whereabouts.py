@@ -128,7 +128,7 @@ def _candidates(
 
 def _maps(rough: Search, chain: Chain, like: Power, pings: NDArray[np.int64]) -> _Maps:
     """Return what each ping is worth at places within the outline, as far about as the way to it is unknown."""
-    _, corners = corners_of(like.walls.lines)
+    _, corners = corners_of(like.walls.outline)
     low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     step_m = max(_SPACING * rough.width_m, float(np.sqrt(np.prod(extent) / _GRID_PLACES)))
     columns, rows = (int(np.ceil(size / step_m)) + 1 for size in extent)
