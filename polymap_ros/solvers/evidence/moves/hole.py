@@ -112,9 +112,9 @@ def _scan(
     """Fill the rectangle with the most evidence of those with a side on a line."""
     c, s = np.cos(theta), np.sin(theta)
     low, high = np.inf, -np.inf
-    for k in range(len(corners)):
-        along = corners[k, 1] * c - corners[k, 0] * s
-        low, high = min(low, along), max(high, along)
+    for i in range(len(feet.positions)):  # a side that was heard has a foot
+        along = feet.positions[i, 1] * c - feet.positions[i, 0] * s
+        low, high = min(low, along - most), max(high, along)
     best[:] = 0.0
     sides = int((most - least) / step) + 1
     for at in range(int((high - low) / step)):

@@ -120,7 +120,9 @@ def _inner_lines(
     data, cycle = ground.data, ground.cycle_m
     _, corners = corners_of(wave.walls.outline)
     theta = np.arange(0.0, np.pi, 2.0 * cycle / (_PER_CYCLE * data.extent_m))
-    away = float(np.abs(corners).sum(axis=1).max())
+    # A corner may be far away; what is heard is not.
+    away = min(float(np.abs(corners).sum(axis=1).max()),
+               float(np.linalg.norm(data.positions, axis=1).max()) + data.range_max_m)
     r = np.arange(-away, away, cycle / _PER_CYCLE)
     along = np.outer(np.cos(theta), data.positions[:, 1]) - np.outer(np.sin(theta), data.positions[:, 0])
     order = np.argsort(along, axis=1, kind='stable')
