@@ -53,6 +53,7 @@ from polymap_ros.solvers.evidence.tuning import (
     RING_WORTH,
     ROUNDS,
     SEARCH_ORDER,
+    STILL_LEFT,
     WHOLE,
 )
 from polymap_ros.solvers.evidence.walls import Walls
@@ -275,7 +276,9 @@ class Search(Ground):
             return None
         self.checkpoint()
         wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
-        return None if wave is None else self.changed(found.power, wave)
+        if wave is None or 1.0 - self.explained(wave) > STILL_LEFT * (1.0 - found.explained):
+            return None
+        return self.changed(found.power, wave)
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""

@@ -22,7 +22,7 @@ from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
 from polymap_ros.solvers.evidence.tracking import Chain, Track, heard_through
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, ANOTHER_POLYGON, EXPLAINED
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
 from polymap_ros.solvers.snapshot import Snapshot
 from polymap_ros.solvers.solver import Evidence
@@ -146,10 +146,13 @@ class EvidenceSolver:
         self._searched = heard
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
+        tried = -np.inf  # what the outline was worth in which inner walls were looked for
         for number, found in enumerate(founds, 1):
             if found is not None and (best is None or found.value > best.value):
                 search, best = reported, found
-            best = self._heard_through(reported, best)
+            if found is not None and found is best and found.value > tried + ANOTHER_POLYGON:
+                tried = found.value
+                best = self._heard_through(reported, best)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ring = self._ring(reported, best, enough)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):

@@ -29,8 +29,8 @@ _PER_CYCLE = 5.0
 _LISTED, _TUNED = 6, 2
 """Lines that are tried, the best that are a pulse's width apart, and how many of them are refined."""
 
-_STEPS_M, _SHARES = (0.4, 0.1, 0.03, 0.01), (0.1, 0.03, 0.01)
-"""Steps by which an end is moved, and what is let through."""
+_REACH_M, _STEPS_M, _SHARES = 0.8, (0.08, 0.02, 0.005), (0.1, 0.025)
+"""How far from the outermost feet an end is looked for, and the steps, for what is let through, too."""
 
 
 class _Runs(NamedTuple):
@@ -74,40 +74,46 @@ def tune_inner_walls(ground: Ground, standing: Standing) -> Wave | None:
 def tuned(ground: Ground, wave: Wave) -> Wave | None:
     """Return the waveform at the best ends of its inner walls and what they let through, all walls following."""
     best = ground.wave.refine(wave.with_slopes(None), SEARCH_ORDER, 3)
-    for likelihood, steps in ((ground.few_wave, _STEPS_M), (ground.wave, _STEPS_M[-2:])):
+    for likelihood, reach_m in ((ground.few_wave, _REACH_M), (ground.wave, _STEPS_M[0])):
         if best is None:
             return None
         spans = best.walls.interior.spans
         for number in range(len(spans)):
-            spans = _with_better(ground, likelihood, best, spans, number, steps)
+            spans = _with_better(ground, likelihood, best, spans, number, reach_m)
         walls = replace(best.walls, interior=Interior(best.walls.interior.holes, spans))
         best = ground.wave.refine(best.with_walls(walls), SEARCH_ORDER, 3)
     return best and ground.wave.refine(best.with_slopes(None), FULL_ORDER)
 
 
 def _with_better(
-    ground: Ground, likelihood: WaveformLikelihood, wave: Wave, spans: NDArray[np.float64], number: int,
-    steps: tuple[float, ...],
+    ground: Ground, likelihood: WaveformLikelihood, wave: Wave, spans: NDArray[np.float64], number: int, reach_m: float,
 ) -> NDArray[np.float64]:
-    """Return the spans with a wall's ends moved to and fro by steps, and what it lets through by shares, as long as
-    that is worth more.
+    """Return the spans with a wall's ends at the best places within a reach, and the best share let through.
+
+    All places are tried, a step apart: between two feet nothing tells them apart, and a climb would end there.
     """
-    def value(trial: NDArray[np.float64]) -> float:
+    def best_of(spans: NDArray[np.float64], column: int, moves: NDArray[np.float64]) -> NDArray[np.float64]:
         ground.checkpoint()
+        best, least = spans, value(spans) + DIFFERENT
+        for move in moves[moves != 0.0]:
+            trial = spans.copy()
+            trial[number, column] += move
+            more = value(trial) if 0.0 < trial[number, 2] <= 1.0 else -np.inf
+            if more > least:
+                best, least = trial, more
+        return best
+
+    def value(trial: NDArray[np.float64]) -> float:
         walls = replace(wave.walls, interior=Interior(wave.walls.interior.holes, trial))
         found = likelihood.evaluate(walls, wave, SEARCH_ORDER)
         return -np.inf if found is None else found.value
 
-    best = value(spans)
-    for column, by in (*((end, step) for step in steps for end in (0, 1)), *((2, share) for share in _SHARES)):
-        for step in (by, -by):
-            while True:
-                trial = spans.copy()
-                trial[number, column] += step
-                more = value(trial) if trial[number, 2] <= 1.0 else -np.inf
-                if more <= best + DIFFERENT:
-                    break
-                spans, best = trial, more
+    for step in _STEPS_M:
+        for end in (0, 1):
+            spans = best_of(spans, end, np.arange(-reach_m, reach_m + 0.5 * step, step))
+        reach_m = min(step, reach_m)
+    for share in _SHARES:
+        spans = best_of(spans, 2, share * np.arange(-3.0, 4.0))
     return spans
 
 
