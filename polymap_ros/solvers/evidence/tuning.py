@@ -84,9 +84,9 @@ HEARD_THROUGH = 0.5
 0.2 to 0.6 of the amplitude it is 0.52 to 0.92 (six plates, even seeds); with a hole, 0.23 to 0.37."""
 
 STILL_LEFT = 0.6
-"""Share of what an outline leaves unexplained that may be left beside the first inner wall. Beside the right one nothing
-was (six plates, even seeds), and of two the first explains about half; in echoes of a second mode each would explain a
-little."""
+"""Share of what an outline leaves unexplained that may be left beside the first inner wall. Beside the right one
+nothing was (six plates, even seeds), and of two the first explains about half; in echoes of a second mode each would
+explain a little."""
 
 HOLE_WORTH = 1.5
 """Times the log likelihood of power that an outline with a hole has to be worth of what it is without, and of what one
