@@ -15,7 +15,7 @@ from polymap_ros.solvers.evidence.answer import _names
 from polymap_ros.solvers.evidence.certainty import certainty_of
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.moves.hole import with_hole
-from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall
+from polymap_ros.solvers.evidence.moves.inner_wall import _add_runs, add_inner_wall
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.square_walls import SquareWalls, free, tied_hole
@@ -71,8 +71,8 @@ def test_seen_from_another_frame_all_ends_are_where_they_were():
 
 def test_what_reflects_nearly_all_is_no_inner_wall():
     walls = furnished()
-    assert walls.heard_through
-    assert not dataclasses.replace(walls, reflection=np.append(walls.reflection[:8], -0.9)).heard_through
+    assert walls.let_through
+    assert not dataclasses.replace(walls, reflection=np.append(walls.reflection[:8], -0.9)).let_through
 
 
 def test_an_unsure_wall_is_told_by_its_name():
@@ -147,6 +147,23 @@ def test_a_hole_is_found_by_power_and_settled_by_the_waveform():
         assert np.all(off.min(axis=1) < within)
     assert found.explained < 0.7  # by power alone
     assert settled.explained > 0.99
+
+
+def test_between_emitter_and_receiver_the_foot_is_where_the_echo_is_reflected():
+    """The runs of a line are gathered at half the way over it, on either side of it."""
+    places, apart = np.array([(-0.5, 0.1), (0.6, -0.2), (0.7, 0.3)]), np.array([(0.1, 0.2, 0.05)] * 3)
+    corners = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    x = np.zeros((3, 2000), np.float32)
+    for ping, (place, way) in enumerate(zip(places, apart, strict=True)):  # of the line x = 0.1, by the image source
+        emitter, receiver = place - 0.5 * way[:2], place + 0.5 * way[:2]
+        half = 0.5 * np.hypot(np.hypot(0.2 - emitter[0] - receiver[0], receiver[1] - emitter[1]), way[2])
+        x[ping, round(half / 1e-3)] = 1.0
+    runs = np.zeros((1, 4, 6))
+    _add_runs(x, np.full(2000, 1e-9), 1e-3, np.ones(3), places, apart, corners, np.zeros(1), np.array([[1, 0, 2]]), 1.0,
+              0.05, 0.0, 0.05, runs)
+    best = runs[0, np.argmax(runs[0, :, 0])]
+    assert best[0] == pytest.approx(3 * 0.3, abs=1e-6)
+    assert best[1] == pytest.approx(0.1)
 
 
 @pytest.mark.heavy

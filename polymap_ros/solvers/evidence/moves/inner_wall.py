@@ -6,14 +6,11 @@ x = A d^-p Re[exp(-j phi) c(d)] over what is left and y = (A d^-p)^2: a wall is 
 ends, and what it lets through, are tried one by one.
 """
 
-from dataclasses import replace
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.outline import corners_of
-from polymap_ros.geometry.sides import Interior
+from polymap_ros.geometry.paths import first_order
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground, least_gain
 from polymap_ros.solvers.evidence.moves.standing import Standing
@@ -26,21 +23,24 @@ _SUPPOSED = 0.3
 _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most."""
 
+_FINE_PER_CYCLE = 16.0
+"""Steps to a cycle, of range, at which what is left is looked up."""
+
 _LISTED, _TUNED = 6, 2
 """Lines that are tried, the best that are a pulse's width apart, and how many of them are refined."""
 
 _REACH_M, _STEPS_M, _SHARES = 0.8, (0.08, 0.02, 0.005), (0.1, 0.025)
 """How far from the outermost feet an end is looked for, and the steps, for what is let through, too."""
 
+_KEPT_RUNS = 4
+"""Runs of one direction that are kept, a pulse's width apart."""
 
-class _Runs(NamedTuple):
-    """Of every line that is tried, its best run: what it is worth, its sums of x and y, and its first and last foot."""
+_MOST_TRIED = 6_000_000
+"""Lines that are looked at, at most: plates of a metre have 0.6 to 1.2 million, which take half a second, rooms of 4 to
+8 m at 20 kHz 15 to 29 million (six each, even seeds)."""
 
-    worth: NDArray[np.float64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-    start: NDArray[np.float64]
-    end: NDArray[np.float64]
+_VALUE, _R, _X, _Y, _START, _END = range(6)
+"""Columns of a run: what it is worth, r, its sums of x and of y, and its first and last foot along the line."""
 
 
 def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
@@ -54,20 +54,20 @@ def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
         ground.checkpoint()
         passed = np.sqrt(1.0 - reflection**2)
         walls = wave.walls.with_inner(line, np.array((*span, passed)), reflection)
-        trial = ground.wave.evaluate(walls, replace(wave, slopes=None), FULL_ORDER)
+        trial = ground.wave.evaluate(walls, wave.with_slopes(None), FULL_ORDER)
         if trial is not None:
             trials.append(trial)
     for trial in sorted(trials, key=lambda each: -each.value)[:_TUNED]:
         ground.checkpoint()
         found = tuned(ground, trial)
-        if found is not None and found.value > wave.value + least_gain(wave.value) and found.walls.heard_through:
+        if found is not None and found.value > wave.value + least_gain(wave.value) and found.walls.let_through:
             return found
     return None
 
 
 def tune_inner_walls(ground: Ground, standing: Standing) -> Wave | None:
     """Return the waveform with ends of inner walls elsewhere, and other shares let through, that are worth more."""
-    better = tuned(ground, standing.wave)
+    better = tuned(ground, standing.wave) if len(standing.wave.walls.interior.spans) else None
     return better if better is not None and better.value > standing.wave.value + DIFFERENT else None
 
 
@@ -80,8 +80,7 @@ def tuned(ground: Ground, wave: Wave) -> Wave | None:
         spans = best.walls.interior.spans
         for number in range(len(spans)):
             spans = _with_better(ground, likelihood, best, spans, number, reach_m)
-        walls = replace(best.walls, interior=Interior(best.walls.interior.holes, spans))
-        best = ground.wave.refine(best.with_walls(walls), SEARCH_ORDER, 3)
+        best = ground.wave.refine(best.with_walls(best.walls.with_spans(spans)), SEARCH_ORDER, 3)
     return best and ground.wave.refine(best.with_slopes(None), FULL_ORDER)
 
 
@@ -104,8 +103,7 @@ def _with_better(
         return best
 
     def value(trial: NDArray[np.float64]) -> float:
-        walls = replace(wave.walls, interior=Interior(wave.walls.interior.holes, trial))
-        found = likelihood.evaluate(walls, wave, SEARCH_ORDER)
+        found = likelihood.evaluate(wave.walls.with_spans(trial), wave, SEARCH_ORDER)
         return -np.inf if found is None else found.value
 
     for step in _STEPS_M:
@@ -123,45 +121,45 @@ def _inner_lines(
     """Return lines inside the outline, where each starts and ends, and its coefficient: those first whose run of feet
     is worth most of what a waveform leaves.
     """
-    data, cycle = ground.data, ground.cycle_m
+    data, step = ground.data, ground.cycle_m / _PER_CYCLE
     _, corners = corners_of(wave.walls.outline)
-    theta = np.arange(0.0, np.pi, 2.0 * cycle / (_PER_CYCLE * data.extent_m))
+    theta = np.arange(0.0, np.pi, 2.0 * step / data.extent_m)
     # A corner may be far away; what is heard is not.
-    away = min(float(np.abs(corners).sum(axis=1).max()),
-               float(np.linalg.norm(data.positions, axis=1).max()) + data.range_max_m)
-    r = np.arange(-away, away, cycle / _PER_CYCLE)
+    reach = min(float(np.linalg.norm(corners, axis=1).max()),
+                float(np.linalg.norm(data.positions, axis=1).max()) + data.range_max_m)
+    if len(theta) * 2.0 * reach / step > _MOST_TRIED:
+        return []
     along = np.outer(np.cos(theta), data.positions[:, 1]) - np.outer(np.sin(theta), data.positions[:, 0])
     order = np.argsort(along, axis=1, kind='stable')
-    shape = 2, len(theta), len(r)
-    runs = _Runs(*(np.zeros(shape) for _ in _Runs._fields))
-    _add_runs(*_by_range(ground, wave), cycle / 16.0, wave.amplitudes**2, data.positions, corners, theta, r, order,
-              data.first_cell * data.cell_m, data.pulse.width_m, _SUPPOSED, runs)
+    runs = np.zeros((len(theta), _KEPT_RUNS, 6))
+    x, y = _by_range(ground, wave)
+    _add_runs(x, y, ground.cycle_m / _FINE_PER_CYCLE, wave.amplitudes**2, data.positions, data.baselines, corners, theta,
+              order, reach, step, data.first_cell * data.cell_m, data.pulse.width_m, runs)
     found: list[tuple[NDArray[np.float64], tuple[float, float], float]] = []
-    for place in np.argsort(-runs.worth, axis=None, kind='stable')[:_LISTED * 200]:
-        sign, row, column = np.unravel_index(place, shape)
-        line = np.array((r[column], theta[row]))
-        if runs.worth[sign, row, column] <= 0.0 or len(found) == _LISTED:
+    for place in np.argsort(-runs[:, :, _VALUE], axis=None, kind='stable'):
+        row, column = np.unravel_index(place, runs.shape[:2])
+        run = runs[row, column]
+        if run[_VALUE] <= 0.0 or len(found) == _LISTED:
             break
+        line = np.array((run[_R], theta[row]))
         if not ground.one_of(line, [known for known, _, _ in found]):
-            coefficient = float(np.clip(runs.x[sign, row, column] / runs.y[sign, row, column], -0.95, 0.95))
-            ends = float(runs.start[sign, row, column]), float(runs.end[sign, row, column])
-            found.append((line, ends, coefficient))
+            coefficient = float(np.clip(run[_X] / run[_Y], -0.95, 0.95))
+            found.append((line, (float(run[_START]), float(run[_END])), coefficient))
     return found
 
 
 def rehearse_inner_walls() -> None:
     """Use the kernel once."""
-    one, shape = np.ones(1), (2, 1, 1)
     triangle = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    _add_runs(np.ones((1, 8), np.float32), np.ones(8), 1.0, one, np.zeros((1, 2)), triangle, one, one,
-              np.zeros((1, 1), np.int64), 0.0, 0.0, _SUPPOSED, _Runs(*(np.zeros(shape) for _ in _Runs._fields)))
+    _add_runs(np.ones((1, 8), np.float32), np.ones(8), 1.0, np.ones(1), np.zeros((1, 2)), np.zeros((1, 3)), triangle,
+              np.ones(1), np.zeros((1, 1), np.int64), 1.0, 1.0, 0.0, 0.0, np.zeros((1, _KEPT_RUNS, 6)))
 
 
 def _by_range(ground: Ground, wave: Wave) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return x (N, m) of what a waveform leaves, and y (m,) at amplitude 1, at every sixteenth of a cycle of range."""
+    """Return x (N, m) of what a waveform leaves, and y (m,) at amplitude 1, at fine steps of range."""
     data = ground.data
     left = ground.wave.left_without_carrier(wave)
-    ranges = np.arange(0.0, data.range_max_m, ground.cycle_m / 16.0)
+    ranges = np.arange(0.0, data.range_max_m, ground.cycle_m / _FINE_PER_CYCLE)
     cells = data.cell_m * np.arange(left.shape[1])
     falloff = np.maximum(ranges, ground.cycle_m) ** -data.spreading
     turn = np.exp(1j * (2.0 * data.pulse.carrier * ranges - wave.phase))
@@ -174,41 +172,72 @@ def _by_range(ground: Ground, wave: Wave) -> tuple[NDArray[np.float32], NDArray[
 
 @kernel
 def _add_runs(
-    x: NDArray[np.float32], y: NDArray[np.float64], step: float, gain: NDArray[np.float64],
-    positions: NDArray[np.float64], corners: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
-    order: NDArray[np.int64], first: float, margin: float, supposed: float, runs: _Runs,
+    x: NDArray[np.float32], y: NDArray[np.float64], fine: float, gain: NDArray[np.float64],
+    positions: NDArray[np.float64], baselines: NDArray[np.float64], corners: NDArray[np.float64],
+    theta: NDArray[np.float64], order: NDArray[np.int64], reach: float, step: float, first: float, margin: float,
+    runs: NDArray[np.float64],
 ) -> None:
-    """Fill the best runs of feet inside the outline, a margin off it, of a positive and of a negative coefficient."""
-    n, last = len(positions), x.shape[1] - 1
+    """Fill the best runs of each direction, of lines a step apart and up to `reach`, by feet inside the outline and a
+    margin off it.
+    """
+    n = len(positions)
     low, high = np.empty(n), np.empty(n)
-    sums = np.empty((2, 4))
+    run = np.empty(6)
     for t in range(len(theta)):
         c, s = np.cos(theta[t]), np.sin(theta[t])
         for i in range(n):
             low[i], high[i] = _crossed(corners, c, s, positions[i, 1] * c - positions[i, 0] * s)
-        for q in range(len(r)):
-            sums[:] = 0.0
-            for k in range(n):
-                i = order[t, k]
-                if r[q] < low[i] + margin or r[q] > high[i] - margin:
-                    continue
-                away = abs(r[q] - positions[i, 0] * c - positions[i, 1] * s)
-                at = int(away / step + 0.5)
-                if away < first or at > last:
-                    continue
-                along = positions[i, 1] * c - positions[i, 0] * s
-                for sign in range(2):
-                    # What the run so far is worth, its x and y, and where it began.
-                    run, value = sums[sign], x[i, at] if sign == 0 else -x[i, at]
-                    weight = gain[i] * y[at]
-                    if run[0] <= 0.0:
-                        run[0], run[1], run[2], run[3] = 0.0, 0.0, 0.0, along
-                    run[0] += supposed * value - 0.5 * supposed * supposed * weight
-                    run[1] += x[i, at]
-                    run[2] += weight
-                    if run[0] > runs.worth[sign, t, q]:
-                        runs.worth[sign, t, q], runs.x[sign, t, q], runs.y[sign, t, q] = run[0], run[1], run[2]
-                        runs.start[sign, t, q], runs.end[sign, t, q] = run[3], along
+            low[i], high[i] = low[i] + margin, high[i] - margin
+        begin, end = max(np.min(low), -reach), min(np.max(high), reach)
+        for q in range(int((end - begin) / step) + 1 if end > begin else 0):
+            r = begin + q * step
+            for sign in (1.0, -1.0):
+                run[:] = 0.0
+                run[_R] = r
+                _fill_run(x, y, fine, gain, positions, baselines, c, s, order[t], low, high, first, sign, run)
+                _keep(run, margin, runs[t])
+
+
+@kernel
+def _fill_run(
+    x: NDArray[np.float32], y: NDArray[np.float64], fine: float, gain: NDArray[np.float64],
+    positions: NDArray[np.float64], baselines: NDArray[np.float64], c: float, s: float, order: NDArray[np.int64],
+    low: NDArray[np.float64], high: NDArray[np.float64], first: float, sign: float, best: NDArray[np.float64],
+) -> None:
+    """Fill the best run of feet along a line for a coefficient of one sign."""
+    r, last = best[_R], x.shape[1] - 1
+    worth, sum_x, sum_y, start = 0.0, 0.0, 0.0, 0.0
+    for i in order:
+        if r < low[i] or r > high[i]:
+            continue
+        px, py, apart = positions[i, 0], positions[i, 1], baselines[i]
+        side = 1.0 if r > px * c + py * s else -1.0
+        half, along = first_order(side * r, side * c, side * s, px, py, apart[0], apart[1], apart[2])
+        at = int(half / fine + 0.5)
+        if half < first or at > last:
+            continue
+        weight = gain[i] * y[at]
+        if worth <= 0.0:
+            worth, sum_x, sum_y, start = 0.0, 0.0, 0.0, side * along
+        worth += sign * _SUPPOSED * x[i, at] - 0.5 * _SUPPOSED * _SUPPOSED * weight
+        sum_x += x[i, at]
+        sum_y += weight
+        if worth > best[_VALUE]:
+            best[_VALUE], best[_X], best[_Y], best[_START], best[_END] = worth, sum_x, sum_y, start, side * along
+
+
+@kernel
+def _keep(run: NDArray[np.float64], apart: float, kept: NDArray[np.float64]) -> None:
+    """Put a run in the place of one nearer than `apart`, or else of the one worth least, where it is worth more."""
+    place = 0
+    for k in range(len(kept)):
+        if kept[k, _VALUE] > 0.0 and abs(kept[k, _R] - run[_R]) < apart:
+            place = k
+            break
+        if kept[k, _VALUE] < kept[place, _VALUE]:
+            place = k
+    if run[_VALUE] > kept[place, _VALUE]:
+        kept[place] = run
 
 
 @kernel
