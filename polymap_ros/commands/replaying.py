@@ -192,8 +192,6 @@ def _tell(mapped: Mapped, exports: Sequence[str]) -> None:
 
 def _compared_inside(mapped: Mapped, motion: 'Pose') -> 'InsideComparison | None':
     """Holes and inner walls, moved, against the true ones; none where they are not known."""
-    import numpy as np
-
     from polymap_ros.geometry.inside_error import compare_inside
 
     if mapped.true_inside is None:
@@ -201,7 +199,7 @@ def _compared_inside(mapped: Mapped, motion: 'Pose') -> 'InsideComparison | None
     found = mapped.estimate
     return compare_inside(
         [motion.apply(hole.vertices) for hole in found.holes],
-        [motion.apply(np.array((wall.start, wall.end))) for wall in found.inner_walls],
+        [motion.apply(wall.ends) for wall in found.inner_walls],
         mapped.true_inside.holes, mapped.true_inside.inner_walls)
 
 

@@ -192,7 +192,7 @@ def inside_judged(estimate: Estimate, scene: Scene, tolerance_m: float = TOLERAN
     """Compare the holes and inner walls of an estimate in the odometry's frame with the scene's."""
     return compare_inside(
         [hole.vertices for hole in estimate.holes],
-        [np.array((wall.start, wall.end)) for wall in estimate.inner_walls],
+        [wall.ends for wall in estimate.inner_walls],
         [hole.vertices for hole in scene.holes],
         [np.array((wall.start, wall.end)) for wall in scene.inner_walls], tolerance_m)
 

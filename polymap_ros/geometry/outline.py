@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.jit import kernel
 
-_PARALLEL = 1e-9
+PARALLEL = 1e-9
 """Sine of the angle [rad] between two lines below which they are taken as parallel."""
 
 _ROUNDING = 1e-12
@@ -76,9 +76,9 @@ def part_within(
             continue
         sine, cosine = nx * others[j, 2] - ny * others[j, 1], nx * others[j, 1] + ny * others[j, 2]
         gap = others[j, 0] - r * cosine
-        if sine >= _PARALLEL:
+        if sine >= PARALLEL:
             high = min(high, gap / sine)
-        elif sine <= -_PARALLEL:
+        elif sine <= -PARALLEL:
             low = max(low, gap / sine)
         elif (cosine > 0.0 and (others[j, 0] < r or (others[j, 0] == r and j < left_out))) or (
                 cosine < 0.0 and others[j, 0] <= -r):

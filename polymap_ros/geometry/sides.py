@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.outline import corners_of, inside, is_convex, ring_corners, side
+from polymap_ros.geometry.outline import PARALLEL, corners_of, inside, is_convex, ring_corners, side
 from polymap_ros.jit import kernel
 
 _CONVEX, _REFLEX = 1, -1
@@ -88,13 +88,8 @@ def sides_of(
         valid, hole = ring_corners(lines[first:first + holes[number]], shortest, -1.0)
         if not valid or _crossing(hole, corners) or not inside(corners, hole[0, 0], hole[0, 1]):
             return False, sides
-        known = ring
-        for count in holes[:number]:
-            _, other = ring_corners(lines[known:known + count], shortest, -1.0)
-            apart = not (inside(other, hole[0, 0], hole[0, 1]) or inside(hole, other[0, 0], other[0, 1]))
-            if not apart or _crossing(hole, other):
-                return False, sides
-            known += count
+        if not _apart(hole, lines[ring:first], holes[:number], shortest):
+            return False, sides
         _add_ring(hole, first, soft, sides)
         first += int(holes[number])
     for k in range(len(spans)):
@@ -144,6 +139,20 @@ def _fill(row: NDArray[np.float64], c: float, s: float, r: float, low: float, hi
 
 
 @kernel
+def _apart(
+    hole: NDArray[np.float64], lines: NDArray[np.float64], others: NDArray[np.int64], shortest: float
+) -> bool:
+    """Return whether a hole, by its corners, has nothing in common with others, by their lines and numbers of them."""
+    first = 0
+    for count in others:
+        _, other = ring_corners(lines[first:first + count], shortest, -1.0)
+        if inside(other, hole[0, 0], hole[0, 1]) or inside(hole, other[0, 0], other[0, 1]) or _crossing(hole, other):
+            return False
+        first += count
+    return True
+
+
+@kernel
 def _crossing(one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Return whether edges of two polygons cross."""
     for i in range(len(one)):
@@ -178,7 +187,7 @@ def _add_inner(
     for k in range(rings):
         row = sides.rows[k]
         across = row[0] * -s + row[1] * c
-        if abs(across) < 1e-9:
+        if abs(across) < PARALLEL:
             continue
         ahead = (row[2] - x * row[0] - y * row[1]) / across
         along = (y + ahead * c) * row[0] - (x - ahead * s) * row[1]

@@ -129,7 +129,7 @@ def _shapes_of(estimate: Estimate | None) -> list[tuple[str, int, Points, Color,
         ('outline', LINE_STRIP, _closed(outline), OUTLINE, 0.008),
         ('holes', LINE_LIST, _together([_segments(_closed(hole)) for hole in holes]), OUTLINE, 0.008),
         ('area', TRIANGLE_LIST, _together([outline, *holes])[triangles(outline, holes).ravel()], AREA, 0.0),
-        ('inner_walls', LINE_LIST, _together([np.array((wall.start, wall.end)) for wall in estimate.inner_walls]),
+        ('inner_walls', LINE_LIST, _together([wall.ends for wall in estimate.inner_walls]),
          INNER_WALLS, 0.006),
     ]
 

@@ -114,7 +114,7 @@ def _geojson(polygon: Candidate, estimate: Estimate, frame_id: str, plane: Plane
         **({'holes': [_sizes(hole) for hole in estimate.holes]} if estimate.holes else {})})
     if not estimate.inner_walls:
         return encode(place)
-    walls = [_feature('LineString', _places((wall.start, wall.end)), {**common, 'inner_wall': k, **_coefficients(wall)})
+    walls = [_feature('LineString', _places(wall.ends), {**common, 'inner_wall': k, **_coefficients(wall)})
              for k, wall in enumerate(estimate.inner_walls)]
     return encode({'type': 'FeatureCollection', 'features': [place, *walls]})
 
@@ -161,7 +161,7 @@ def _dxf(polygon: Candidate, estimate: Estimate) -> bytes:
             space.add_lwpolyline(_places(ring.vertices), close=True, dxfattribs={'layer': layer})
             _label_lengths(space, ring, height)
         for wall in estimate.inner_walls:
-            space.add_line(*_places((wall.start, wall.end)), dxfattribs={'layer': INNER_WALLS})
+            space.add_line(*_places(wall.ends), dxfattribs={'layer': INNER_WALLS})
         for layer, used in ((HOLES, estimate.holes), (INNER_WALLS, estimate.inner_walls)):
             if used:
                 drawing.layers.add(layer)

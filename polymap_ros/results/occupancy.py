@@ -94,7 +94,7 @@ def occupancy_of(estimate: Estimate, parameters: Parameters) -> Occupancy | None
     resolution_m = cell_size(vertices, parameters).resolution_m
     return None if resolution_m is None else occupancy(
         vertices, resolution_m, parameters.map.margin_m, [hole.vertices for hole in estimate.holes],
-        [(wall.start, wall.end) for wall in estimate.inner_walls])
+        [tuple(wall.ends) for wall in estimate.inner_walls])
 
 
 def cell_size(vertices: ArrayLike, parameters: Parameters) -> CellSize:

@@ -100,7 +100,7 @@ def _draw_room(
     for ring in (estimate.polygon, *estimate.holes) if estimate.polygon else ():
         axes.plot(*_ring(ring.vertices).T, **_EDGE, label='estimated edges', zorder=2)
     for wall in estimate.inner_walls:
-        axes.plot(*np.array((wall.start, wall.end)).T, **_INNER, label='inner walls', zorder=2)
+        axes.plot(*wall.ends.T, **_INNER, label='inner walls', zorder=2)
     for k, candidate in enumerate(estimate.alternatives):
         style = _CANDIDATES[k % len(_CANDIDATES)]
         axes.plot(*_ring(candidate.vertices).T, **style, label=f'candidate {k + 1}', zorder=2)

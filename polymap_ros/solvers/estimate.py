@@ -160,9 +160,14 @@ class InnerWall:
     reflection: float
     transmission: float
 
+    @property
+    def ends(self) -> NDArray[np.float64]:
+        """Both ends (2, 2) [m]."""
+        return np.array((self.start, self.end))
+
     def moved(self, frame: Pose) -> 'InnerWall':
         """The same wall, seen from the frame in which `frame` is its own origin."""
-        start, end = frame.apply(np.array((self.start, self.end)))
+        start, end = frame.apply(self.ends)
         return dataclasses.replace(self, start=start, end=end, edge=self.edge.moved(frame))
 
 

@@ -139,7 +139,7 @@ class Findings:
         ring = self.unsure_ring
         if ring is None or ring.explained < _SUGGESTIVE:
             return []
-        return [wording.not_convex(ring.explained, len(ring.lines))]
+        return [wording.not_convex(ring.explained, len(ring.lines), len(ring.walls.interior.holes))]
 
     def _gap(self, certainty: Certainty, found: Found) -> Caution | None:
         """Why the polygon is not closed by what was heard; None if it is."""

@@ -38,7 +38,7 @@ HEARD = 1.0
 _LIMITS = -6.0, 12.0
 """Least and most evidence of one foot [nats]: several walls have to speak for a ring, not one that is loud."""
 
-_FIRST_WIDTHS = 1.5
+FIRST_WIDTHS = 1.5
 """Pulse widths within which an edge explains a first echo."""
 
 
@@ -72,7 +72,7 @@ class RingFeet(NamedTuple):
 def ring_feet(data: EchoData, expected: NDArray[np.float64], strength: float) -> RingFeet:
     """Return the feet of all pings, with `expected` power (broadcast) without them."""
     evidence = np.clip(foot_evidence(data, expected, strength), *_LIMITS)
-    return RingFeet(data.positions, evidence, data.cell_m, data.first_m, _FIRST_WIDTHS * data.pulse.width_m,
+    return RingFeet(data.positions, evidence, data.cell_m, data.first_m, FIRST_WIDTHS * data.pulse.width_m,
                     data.shortest_m)
 
 

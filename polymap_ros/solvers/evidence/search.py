@@ -5,7 +5,7 @@ goes over to the waveform and lets the moves of `SCHEDULE` change it, the first 
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,6 @@ from polymap_ros.solvers.evidence.tuning import (
     DIFFERENT,
     EXPLAINED,
     FULL_ORDER,
-    HALF,
     HOLE_WORTH,
     HOLES,
     IN_PHASE,
@@ -55,6 +54,7 @@ from polymap_ros.solvers.evidence.tuning import (
     SEARCH_ORDER,
     STILL_LEFT,
     WHOLE,
+    WORTH_MOVING,
 )
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
@@ -93,7 +93,10 @@ class Found(NamedTuple):
         return self._replace(power=self.power.with_walls(self.power.walls.seen_from(frame)), wave=wave)
 
 
-SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+Schedule: TypeAlias = tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]
+"""Moves of the waveform in the order in which they are tried, each where less than a share is explained."""
+
+SCHEDULE: Schedule = (
     (tune_storey, np.inf),
     (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
@@ -104,9 +107,9 @@ SCHEDULE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = 
     (cut_corner, WHOLE),
     (look_for_faint, ALL_EXPLAINED),  # the dearest
 )
-"""The moves of the waveform in the order in which they are tried, each where less than this share is explained."""
+"""That for convex outlines."""
 
-RINGS: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+RINGS: Schedule = (
     (tune_storey, np.inf),
     (weigh_orders, np.inf),
     (turn_phase, WHOLE),
@@ -118,7 +121,7 @@ RINGS: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
 )
 """The same for outlines that are not convex."""
 
-INSIDE: tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...] = (
+INSIDE: Schedule = (
     (tune_storey, np.inf),
     (weigh_orders, np.inf),
     (turn_phase, WHOLE),
@@ -162,7 +165,7 @@ class Search(Ground):
         """
         fitted = convex and self.power.fitted(convex.walls, convex.power, SEARCH_ORDER)
         nothing = self.nothing.value
-        hole = self.with_hole(convex) if convex else None
+        hole = self.first_hole(convex) if convex else None
         known, least = -np.inf, RING_WORTH * ((fitted.value if fitted else nothing) - nothing)
         for most in RING_LINES:
             self.checkpoint()
@@ -170,8 +173,9 @@ class Search(Ground):
             if start is None or start.value - nothing < least or abs(start.value - known) < DIFFERENT:
                 break
             if hole is not None and hole.value - nothing > HOLE_WORTH * (start.value - nothing):
-                yield from self.pierced(hole)
-                hole = None
+                pierced, hole = self.pierced(hole), None
+                if pierced is not None:
+                    yield pierced
             known = start.value
             found = self.settle(improved_ring(self, start, pool))
             if found is None:
@@ -181,10 +185,11 @@ class Search(Ground):
             found = self.settle(improved_ring(self, found.power, pool))
             if found is not None:
                 yield found
-        if hole is not None:
-            yield from self.pierced(hole)
+        pierced = self.pierced(hole) if hole else None
+        if pierced is not None:
+            yield pierced
 
-    def with_hole(self, found: Found) -> Power | None:
+    def first_hole(self, found: Found) -> Power | None:
         """Return an outline with the hole that is worth most by power, where it is worth clearly more than without."""
         self.checkpoint()
         fitted = self.power.fitted(found.walls, found.power, SEARCH_ORDER)
@@ -194,8 +199,8 @@ class Search(Ground):
         nothing = self.nothing.value
         return more if more.value - nothing > HOLE_WORTH * (fitted.value - nothing) else None
 
-    def pierced(self, power: Power) -> Iterator[Found]:
-        """Give what an outline may be with a hole, and with further ones as long as they are worth clearly more."""
+    def pierced(self, power: Power) -> Found | None:
+        """Return what an outline with a hole leads to, with further ones as long as they are worth clearly more."""
         nothing = self.nothing.value
         for count in range(1, HOLES + 1):
             # Without a hole, its echoes may have bent the outline.
@@ -206,11 +211,9 @@ class Search(Ground):
             self.checkpoint()
             more = with_hole(self, power) if count < HOLES else None
             if more is None or more.value - nothing < RING_WORTH * (power.value - nothing):
-                settled = self.settle(power)
-                if settled is not None:
-                    yield settled
-                return
+                break
             power = more
+        return self.settle(power)
 
     def by_power(self, start: Start) -> Power:
         """Improve a start by single changes, by echoes of two orders, then of three."""
@@ -257,7 +260,7 @@ class Search(Ground):
         for _ in range(ROUNDS):
             self.checkpoint()
             standing = Standing(power, wave, self.explained(wave))
-            if standing.explained < HALF and not wave.walls.convex_outline:
+            if standing.explained < WORTH_MOVING and not wave.walls.convex_outline:
                 break
             schedule = _schedule_of(wave.walls)
             changed = (move(self, standing) for move, below in schedule if standing.explained < below)
@@ -270,7 +273,7 @@ class Search(Ground):
         loose = self.wave.refine(wave.with_walls(free(wave.walls)), FULL_ORDER)
         return None if loose is None else self.changed(power, loose)
 
-    def heard_through(self, found: Found) -> Found | None:
+    def with_inner_walls(self, found: Found) -> Found | None:
         """Return an outline with the walls that stand inside and let waves through; None where none is found."""
         if found.wave is None:
             return None
@@ -308,7 +311,7 @@ class Search(Ground):
         return Found(fitted, None, min(explained, 1.0), fitted.value - PRICE * len(fitted.walls))
 
 
-def _schedule_of(walls: Walls) -> tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]:
+def _schedule_of(walls: Walls) -> Schedule:
     if len(walls) > walls.ring:
         return INSIDE
     return SCHEDULE if walls.convex_outline else RINGS

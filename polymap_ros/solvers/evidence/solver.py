@@ -1,7 +1,7 @@
 """``solver.method: evidence``: the polygon whose predicted echoes explain what was heard."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,7 @@ from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_o
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
-from polymap_ros.solvers.evidence.tracking import Chain, Track, heard_through
+from polymap_ros.solvers.evidence.tracking import Chain, Track, with_inner_walls
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, ANOTHER_POLYGON, EXPLAINED
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
 from polymap_ros.solvers.snapshot import Snapshot
@@ -152,7 +152,7 @@ class EvidenceSolver:
                 search, best = reported, found
             if found is not None and found is best and found.value > tried + ANOTHER_POLYGON:
                 tried = found.value
-                best = self._heard_through(reported, best)
+                best = self._with_inner_walls(reported, best)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ring = self._ring(reported, best, enough)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
@@ -163,7 +163,7 @@ class EvidenceSolver:
                     search, best, track = tracked
                 elif _tells_more(ring, best):  # no convex one will do
                     return search, best, None
-            elif found is best and number > _TRACKED_AFTER:
+            elif found is not None and found is best and number > _TRACKED_AFTER:
                 best = self._pierced(reported, best)
             if apart or _explains(reported, best, enough):
                 return search, best, track
@@ -176,21 +176,16 @@ class EvidenceSolver:
                 best = mended
         return search, best, track and best and track.with_found(best)
 
-    def _heard_through(self, search: Search, found: Found | None) -> Found | None:
+    def _with_inner_walls(self, search: Search, found: Found) -> Found:
         """The answer with walls that stand inside, where they explain what the outline leaves."""
-        if found is None or not self._beyond_convex(search) or found.explained > ALL_EXPLAINED:
+        if found.explained > ALL_EXPLAINED or not self._beyond_convex(search):
             return found
-        return self._explaining(search, found, iter((search.heard_through(found),)))
+        return _explaining(search, found, search.with_inner_walls(found))
 
-    def _pierced(self, search: Search, found: Found | None) -> Found | None:
+    def _pierced(self, search: Search, found: Found) -> Found:
         """The answer with holes, where they explain what the outline leaves."""
-        hole = search.with_hole(found) if found is not None and self._beyond_convex(search) else None
-        return found if found is None or hole is None else self._explaining(search, found, search.pierced(hole))
-
-    def _explaining(self, search: Search, found: Found, others: Iterator[Found | None]) -> Found:
-        """The first of others that explains the echoes, or what was found before."""
-        enough = EXPLAINED - search.uncertainty
-        return next((each for each in others if each is not None and _explains(search, each, enough)), found)
+        hole = search.first_hole(found) if self._beyond_convex(search) else None
+        return found if hole is None else _explaining(search, found, search.pierced(hole))
 
     def _beyond_convex(self, search: Search) -> bool:
         """Whether outlines that are not convex, or have something inside, are asked for and can be found.
@@ -228,7 +223,7 @@ class EvidenceSolver:
             reported = reported.between(*self._storey(reported))
         track = begun(reported, chain, found)
         if track is not None and self._beyond_convex(reported):
-            track = heard_through(reported, chain, track)
+            track = with_inner_walls(reported, chain, track)
         self._untracked = track is None
         if track is None or (found is not None and track.found.explained < found.explained + _MORE):
             return None
@@ -268,8 +263,13 @@ def _apart(evidence: Evidence) -> bool:
 
 def _explains(search: Search, found: Found | None, enough: float) -> bool:
     """Whether an answer explains so much of the echoes, in phase where they have one."""
-    return found is not None and found.explained > enough and found.walls.heard_through and (
+    return found is not None and found.explained > enough and found.walls.let_through and (
         found.wave is not None or not search.coherent)
+
+
+def _explaining(search: Search, found: Found, other: Found | None) -> Found:
+    """What was found, or another that explains the echoes."""
+    return other if other is not None and _explains(search, other, EXPLAINED - search.uncertainty) else found
 
 
 def _tells_more(ring: Found | None, convex: Found | None) -> bool:

@@ -213,11 +213,11 @@ def improved_track(search: Search, chain: Chain, track: Track) -> Track:
     return better
 
 
-def heard_through(search: Search, chain: Chain, track: Track) -> Track:
+def with_inner_walls(search: Search, chain: Chain, track: Track) -> Track:
     """Return a track with walls that stand inside, walls and poses refined with them, where that explains more."""
-    found = None if track.found.explained > ALL_EXPLAINED else track.search.heard_through(track.found)
+    found = None if track.found.explained > ALL_EXPLAINED else track.search.with_inner_walls(track.found)
     better = None if found is None else refined(search, chain, found, track.pings, track.poses)
-    if better is None or not better.found.walls.heard_through or better.found.value < track.found.value:
+    if better is None or not better.found.walls.let_through or better.found.value < track.found.value:
         return track
     return better
 

@@ -75,7 +75,7 @@ remaining walls can win back at most a few tens; a wall that is heard is worth t
 ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 
-HALF = 0.5
+WORTH_MOVING = 0.5
 """Share of the echoes' power below which an outline that is not convex, or has a hole, is not worth the moves of the
 waveform: of 60 that were settled, those that came right explained 0.65 and more to begin with (even seeds)."""
 

@@ -96,7 +96,7 @@ class Walls:
         return self.ring == len(self) and bool(np.all(self.turns < np.pi))
 
     @property
-    def heard_through(self) -> bool:
+    def let_through(self) -> bool:
         """Whether all inner walls let enough through: what reflects nearly all is a wall of the outline, or of a hole,
         that is in the wrong place.
         """
@@ -147,6 +147,10 @@ class Walls:
         """Return the walls and one that stands inside, from where to where along its line, and what it lets through."""
         spans = np.vstack((self.interior.spans, span))
         return replace(self._longer(line[None], reflection, len(self)), interior=Interior(self.interior.holes, spans))
+
+    def with_spans(self, spans: NDArray[np.float64]) -> Self:
+        """Return the walls with the inner ones from elsewhere to elsewhere, or letting other shares through."""
+        return replace(self, interior=Interior(self.interior.holes, spans))
 
     def with_hole(self, lines: NDArray[np.float64]) -> Self:
         """Return the walls and those of one hole more, clockwise, that reflect all."""

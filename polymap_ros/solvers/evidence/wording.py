@@ -156,10 +156,12 @@ def corners_unheard(depths_m: Mapping[int, float]) -> Caution:
                                      'been heard')
 
 
-def not_convex(explained: float, edges: int) -> Caution:
-    """Say that an outline that is not convex explains more than a convex one, and not enough to be sure."""
-    return Caution('not_convex', f'an outline of {edges} edges that is not convex explains {explained:.0%} of the '
-                                 'echoes, clearly more than a convex one')
+def not_convex(explained: float, edges: int, holes: int = 0) -> Caution:
+    """Say that an outline that is not convex, or has holes, explains more than a convex one, and not enough to be sure.
+    """
+    what = f'with {holes} hole{"s" if holes > 1 else ""}' if holes else 'that is not convex'
+    return Caution('not_convex', f'an outline of {edges} edges {what} explains {explained:.0%} of the echoes, clearly '
+                                 'more than a convex one')
 
 
 def unexplained(share: float, edges: int, most: int) -> Caution:

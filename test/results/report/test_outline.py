@@ -89,15 +89,21 @@ def test_holes_are_left_unfilled_and_named_with_the_inner_walls(pages):
     assert 'Inside: hole H0, hole H1, inner wall W0.' in root.find('desc').text
 
 
-def test_a_hole_is_drawn_by_itself_with_its_sizes_around_it(pages, monkeypatch):
-    boxes = []
+@pytest.fixture
+def boxes(monkeypatch):
+    """Where labels are put, as they are drawn."""
+    placed = []
 
     def best(places, lines, taken, ink):
         found = labels.best(places, lines, taken, ink)
-        boxes.append(found[1])
+        placed.append(found[1])
         return found
 
     monkeypatch.setattr('polymap_ros.results.report.outline.best', best)
+    return placed
+
+
+def test_a_hole_is_drawn_by_itself_with_its_sizes_around_it(pages, boxes):
     document, heard = pages['pierced']
     for hole in document['holes']:
         boxes.clear()
@@ -119,15 +125,7 @@ def test_a_deviation_that_is_not_known_is_left_out(pages):
 
 
 @pytest.mark.parametrize('name', CLOSED)
-def test_labels_do_not_cover_each_other(pages, name, monkeypatch):
-    boxes = []
-
-    def best(places, lines, taken, ink):
-        found = labels.best(places, lines, taken, ink)
-        boxes.append(found[1])
-        return found
-
-    monkeypatch.setattr('polymap_ros.results.report.outline.best', best)
+def test_labels_do_not_cover_each_other(pages, name, boxes):
     document, heard = pages[name]
     root = read(outline_svg('a', document, heard))
     assert len(boxes) == 2 * len(document['edges'])

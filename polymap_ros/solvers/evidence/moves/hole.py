@@ -14,7 +14,7 @@ from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.oriented_lines import oriented_lines
 from polymap_ros.solvers.evidence.power import Power
-from polymap_ros.solvers.evidence.rings import RingFeet, ring_feet
+from polymap_ros.solvers.evidence.rings import FIRST_WIDTHS, RingFeet, ring_feet
 from polymap_ros.solvers.evidence.square_walls import tied_hole
 from polymap_ros.solvers.evidence.tuning import PRICE, SEARCH_ORDER
 
@@ -178,7 +178,7 @@ def _evidence(
     if width < feet.near or depth < feet.near:
         return -1.0
     c, s = np.cos(theta), np.sin(theta)
-    gap = feet.near / 1.5
+    gap = feet.near / FIRST_WIDTHS  # a pulse's width
     for ahead in (r - gap, r + depth + gap):
         for along in (start - gap, start + width + gap):
             if not inside(corners, ahead * c - along * s, ahead * s + along * c):
