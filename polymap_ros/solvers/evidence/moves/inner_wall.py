@@ -133,8 +133,9 @@ def _inner_lines(
     order = np.argsort(along, axis=1, kind='stable')
     runs = np.zeros((len(theta), _KEPT_RUNS, 6))
     x, y = _by_range(ground, wave)
-    _add_runs(x, y, ground.cycle_m / _FINE_PER_CYCLE, wave.amplitudes**2, data.positions, data.baselines, corners, theta,
-              order, reach, step, data.first_cell * data.cell_m, data.pulse.width_m, runs)
+    _add_runs(
+        x, y, ground.cycle_m / _FINE_PER_CYCLE, wave.amplitudes**2, data.positions, data.baselines, corners, theta,
+        order, reach, step, data.first_cell * data.cell_m, data.pulse.width_m, runs)
     found: list[tuple[NDArray[np.float64], tuple[float, float], float]] = []
     for place in np.argsort(-runs[:, :, _VALUE], axis=None, kind='stable'):
         row, column = np.unravel_index(place, runs.shape[:2])
