@@ -38,15 +38,18 @@ def storey_heard(data: EchoData) -> tuple[Storey, float]:
     common, quiet = _common_power(data)
     best, strength, least = Storey(), 0.0, 0.0
     peaks = _peaks(data, common, quiet)
-    for heights in (*((peak,) for peak in peaks), *combinations(sorted(peaks), 2)):
-        alone = _at_one_metre(data, common - quiet, np.array(heights))
+    for ranges in (*((peak,) for peak in peaks), *combinations(sorted(peaks), 2)):
+        heights = _heights(data, np.array(ranges))
+        if not np.all(heights > 0.0):
+            continue
+        alone = _at_one_metre(data, common - quiet, np.array(ranges))
         for factor in _STRENGTHS:
             most = factor * float(alone.max())
-            storey = Storey(np.array(heights), np.sqrt(alone / most))
+            storey = Storey(heights, np.sqrt(alone / most))
             more = _predicted(data, storey, most)
             linear, ratio = more_power(common, quiet, more)
             value = data.weight * float(np.sum((linear - np.log(ratio))[data.first_cell:]))
-            if value > least + PRICE * len(heights):
+            if value > least + PRICE * len(ranges):
                 best, strength, least = storey, most / len(data.positions), value
     return best, strength
 
@@ -83,13 +86,30 @@ def _at_one_metre(data: EchoData, power: NDArray[np.float64], range_m: NDArray[n
     return np.asarray(at * range_m ** (2.0 * data.spreading))
 
 
+def _heights(data: EchoData, range_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far from the emitter planes are that are heard at one or two ranges, the nearer taken for the floor.
+
+    A receiver above the emitter by b hears a floor at a as from a + b / 2, a ceiling at c as from c - b / 2.
+    """
+    aside, up = _apart(data)
+    from_middle = np.sqrt(np.maximum(range_m**2 - 0.25 * aside**2, 0.0))
+    return np.asarray(from_middle + 0.5 * up * np.array([-1.0, 1.0])[:len(range_m)])
+
+
+def _apart(data: EchoData) -> tuple[float, float]:
+    """Return how far the receiver is from the emitter along the floor, and above it [m]: so for all pings."""
+    x, y, up = data.baselines[0]
+    return float(np.hypot(x, y)), float(up)
+
+
 def _predicted(data: EchoData, storey: Storey, strength: float) -> NDArray[np.float64]:
     """Return the power (n_cells,) of the echoes of floor and ceiling alone."""
     ranges = data.cell_m * np.arange(len(data.mean_power))
     total = np.zeros(len(ranges))
     shape_m = data.pulse.step_m * np.arange(len(data.pulse.power))
-    for z, coefficient, _ in storey.images(SEARCH_ORDER)[1:]:
-        half = 0.5 * abs(z)
+    aside, up = _apart(data)
+    for z, coefficient, _ in storey.images(SEARCH_ORDER, up == 0.0)[1:]:
+        half = 0.5 * np.hypot(aside, up - z)
         total += strength * coefficient**2 * half ** (-2.0 * data.spreading) * np.interp(
             np.abs(ranges - half), shape_m, data.pulse.power, right=0.0)
     return total

@@ -57,7 +57,14 @@ def test_a_room_with_both_is_right_and_not_doubted(room):
     assert estimate.storey.reflection == pytest.approx(true, abs=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.parametrize('sensor', [
+    SensorParameters(baseline_z_m=0.08), SensorParameters(baseline_z_m=-0.3), SensorParameters(baseline_x_m=0.2),
+], ids=['above', 'below', 'beside'])
+def test_heights_are_those_from_the_emitter_wherever_the_receiver_is(room, sensor):
+    found = heard(dataclasses.replace(room, sensor=sensor))
+    assert found.height_m == pytest.approx([room.height.floor_m, room.height.ceiling_m], abs=0.002)
+
+
 def test_a_receiver_above_the_emitter_is_taken_into_account(room):
     scene = dataclasses.replace(room, sensor=SensorParameters(baseline_z_m=0.08))
     estimate = filled_mapper(scene, Parameters()).solve()
