@@ -1,11 +1,12 @@
 """A ping placed in the plane: what the map, the free area and the solvers are made from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.hearing.odometer import SUMS
 
 _ON_THE_AXIS = Pose(0.0, 0.0)
 
@@ -34,8 +35,8 @@ class Sounding:
         Heading of the sensor in the start frame [rad].
     mount : Pose
         The sensor's place on the robot.
-    driven_m, turned_rad2 : float
-        The way that the robot has driven, by its odometry, and the sum of the squares of its turns from ping to ping.
+    way : ndarray, shape (SUMS,)
+        What the robot has driven by its odometry; see `Odometer.sums`.
     """
 
     stamp_ns: int
@@ -48,8 +49,7 @@ class Sounding:
     confidence: float = 1.0
     yaw: float = 0.0
     mount: Pose = _ON_THE_AXIS
-    driven_m: float = 0.0
-    turned_rad2: float = 0.0
+    way: NDArray[np.float64] = field(default_factory=lambda: np.zeros(SUMS))
 
     @property
     def base(self) -> Pose:

@@ -192,7 +192,7 @@ class Reception:
             if kept:
                 self._kept.take(Sounding(
                     ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw, self._mount,
-                    self._odometer.driven_m, self._odometer.turned_rad2))
+                    self._odometer.sums))
             self.places.add(ping.stamp_ns, place.x, place.y)
             self._as_reported.hear(place, envelope, rho, confidence, self.parameters.sensor.baseline_m)
             self.placed(ping.stamp_ns)

@@ -5,11 +5,13 @@ increment's error is
 
     e = (R(psi_{i-1})^T (x_i - x_{i-1}) - b,  psi_i - psi_{i-1} - a),
 
-and over a way of length d, for a robot that turns before it drives, its covariance along b, across it and in heading is
+and over one step of length d, for a robot that turns before it drives, its covariance along b, across it and in heading
+is
 
     s_aa = k_d^2 d + f^2,   s_cc = d^2 (s_t^2 + s_w^2 / 3) + f^2,   s_ch = d (s_t^2 + s_w^2 / 2),   s_hh = s_t^2 + s_w^2
 
-with s_t = k_t \|a\| and s_w^2 = k_h^2 d: random walks of distance and heading, and a share of each turn. Its
+with s_t = k_t \|a\| and s_w^2 = k_h^2 d: random walks of distance and heading, and a share of each turn. Over several
+steps, as between two kept pings, an error of the heading acts on all that is driven after it (`hearing.odometer`). The
 distribution is Student's with a few degrees of freedom: a wheel that slips makes an error of many deviations, which
 would bend all other poses if it were taken for a Gaussian's. What drivers send as covariances is not looked at: it is
 zeros or worse.
@@ -58,15 +60,20 @@ class OdometryNoise:
         """Return what the parameters assume."""
         return cls(slam.noise_m_sqrt_m, float(np.deg2rad(slam.noise_deg_sqrt_m)), slam.noise_turn)
 
-    def covariance(self, way_m: NDArray[np.float64], turned_rad2: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return that of (along, across, heading), (n, 3, 3), over ways (n,) with these squares of turns on them."""
-        turn, walk = self.turn**2 * turned_rad2, self.heading**2 * way_m
-        covariance = np.zeros((len(way_m), 3, 3))
-        covariance[:, 0, 0] = self.distance**2 * way_m + FLOOR_M**2
-        covariance[:, 1, 1] = way_m**2 * (turn + walk / 3.0) + FLOOR_M**2
-        covariance[:, 1, 2] = covariance[:, 2, 1] = way_m * (turn + walk / 2.0)
-        covariance[:, 2, 2] = turn + walk + FLOOR_RAD**2
-        return covariance
+    def covariance(self, way: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return that of the errors of x, y and heading, (n, 3, 3), at the `ends` (n, 2) of ways (n, SUMS)."""
+        count, to_x, to_y, xx, xy, yy = (self.heading**2 * way[:, :6] + self.turn**2 * way[:, 6:12]).T
+        (x, y), (along_xx, along_xy, along_yy) = ends.T, self.distance**2 * way[:, 12:].T
+        covariance = np.empty((len(way), 3, 3))
+        covariance[:, 0, 0] = along_xx + y * (count * y - 2.0 * to_y) + yy
+        covariance[:, 1, 1] = along_yy + x * (count * x - 2.0 * to_x) + xx
+        covariance[:, 0, 1] = covariance[:, 1, 0] = along_xy - count * x * y + x * to_y + y * to_x - xy
+        covariance[:, 0, 2] = covariance[:, 2, 0] = to_y - count * y
+        covariance[:, 1, 2] = covariance[:, 2, 1] = count * x - to_x
+        covariance[:, 2, 2] = count
+        values, axes = np.linalg.eigh(covariance)  # far from the start rounding makes some negative
+        kept = np.maximum(values, 0.0)[:, None, :] * axes @ np.swapaxes(axes, 1, 2)
+        return np.asarray(kept + np.diag((FLOOR_M**2, FLOOR_M**2, FLOOR_RAD**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,16 +96,12 @@ class Increments:
 
     @classmethod
     def of(
-        cls, poses: NDArray[np.float64], driven_m: NDArray[np.float64], turned_rad2: NDArray[np.float64],
-        noise: OdometryNoise,
+        cls, poses: NDArray[np.float64], way: NDArray[np.float64], noise: OdometryNoise
     ) -> 'Increments':
-        """Return what reported poses (N, 3) say, with the way (N,) and the squared turns (N,) added up to each."""
-        increments = between(poses[:-1], poses[1:])
-        way = np.maximum(np.diff(driven_m), np.hypot(increments[:, 0], increments[:, 1]))
-        turned = np.maximum(np.diff(turned_rad2), increments[:, 2] ** 2)
-        covariance = noise.covariance(way, turned)
-        direction = turns(np.arctan2(increments[:, 1], increments[:, 0]))
-        return cls(increments, direction @ covariance @ np.swapaxes(direction, 1, 2))
+        """Return what reported poses (N, 3) say, with the way (N, SUMS) added up to each."""
+        covariance = noise.covariance(np.diff(way, axis=0), poses[1:, :2])
+        to_body = turns(-poses[:-1, 2])
+        return cls(between(poses[:-1], poses[1:]), to_body @ covariance @ np.swapaxes(to_body, 1, 2))
 
     def trusted(self) -> 'Increments':
         """Return the same with Gaussian errors, among which no slip is expected."""

@@ -63,7 +63,7 @@ def trajectory_of(track: Track, chain: Chain, joint: Known) -> Trajectory:
 
 def path_cautions(path: Trajectory, chain: Chain) -> list[Caution]:
     """What has to be told of a path that is found with the walls."""
-    off, way_m = path.map_to_odom, float(chain.driven_m[-1] - chain.driven_m[0])
+    off, way_m = path.map_to_odom, float(chain.way[-1, 0] - chain.way[0, 0])
     away = path.poses[-1, :2] - path.reported[-1, :2]
     away_m, turned_rad = float(np.hypot(*away)), float(wrapped(off.yaw))
     drifts = away_m > _TOLD_M or abs(turned_rad) > _TOLD_RAD

@@ -49,31 +49,28 @@ _REFINED_EVERY = 12
 class Chain(NamedTuple):
     """What the odometry says of the pings of a search.
 
-    Poses (N, 3), the way and the squared turns (N,) up to each, what errors are assumed, and the pings' stamps.
+    Poses (N, 3), the way driven up to each (N, SUMS; `Odometer.sums`), what errors are assumed, and the pings' stamps.
     """
 
     poses: NDArray[np.float64]
-    driven_m: NDArray[np.float64]
-    turned_rad2: NDArray[np.float64]
+    way: NDArray[np.float64]
     noise: OdometryNoise
     stamps_ns: tuple[int, ...]
 
     @classmethod
     def of(cls, soundings: Sequence[Sounding], data: EchoData, noise: OdometryNoise) -> 'Chain':
         """Return what the odometry says of soundings, which `data` holds."""
-        return cls(data.poses, np.array([sounding.driven_m for sounding in soundings]),
-                   np.array([sounding.turned_rad2 for sounding in soundings]), noise,
+        return cls(data.poses, np.array([sounding.way for sounding in soundings]), noise,
                    tuple(sounding.stamp_ns for sounding in soundings))
 
     def part(self, pings: NDArray[np.int64]) -> 'Chain':
         """Return what it says of some of the pings."""
-        return self._replace(poses=self.poses[pings], driven_m=self.driven_m[pings],
-                             turned_rad2=self.turned_rad2[pings],
+        return self._replace(poses=self.poses[pings], way=self.way[pings],
                              stamps_ns=tuple(self.stamps_ns[ping] for ping in pings))
 
     def between(self, pings: NDArray[np.int64]) -> Increments:
         """Return the odometry between some of the pings."""
-        return Increments.of(self.poses[pings], self.driven_m[pings], self.turned_rad2[pings], self.noise)
+        return Increments.of(self.poses[pings], self.way[pings], self.noise)
 
 
 class Track(NamedTuple):

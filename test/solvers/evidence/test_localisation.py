@@ -7,6 +7,7 @@ import pytest
 
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.poses import between
+from polymap_ros.hearing.odometer import odometer_sums
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.localisation import MISLED, Localiser, Prior
@@ -64,7 +65,7 @@ def test_what_is_expected_of_a_neighbour_spreads_as_samples_do(backwards):
     """Samples of a pose and of an increment's error, carried through the motion itself."""
     poses = np.array([(0.0, 0.0, 0.3), (0.3, 0.2, 1.1)])
     noise = OdometryNoise(0.015, np.deg2rad(1.5), 0.05)
-    step = Increments.of(poses, np.array([0.0, 0.4]), np.array([0.0, 0.64]), noise)
+    step = Increments.of(poses, odometer_sums(poses), noise)
     mine, other = (1, 0) if backwards else (0, 1)
     covariance = np.diag((1e-3, 2e-3, 0.02)) ** 2
     prior = Prior(poses[mine], covariance).next(poses[other], step.covariance[0], backwards)

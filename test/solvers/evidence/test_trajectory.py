@@ -8,6 +8,7 @@ import pytest
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.hearing.odometer import odometer_sums
 from polymap_ros.parameters import Parameters, SensorParameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.climb import climb
@@ -36,8 +37,7 @@ def heard(sensor, edges=4, seed=2, pings=10):
 
 def world_of(search, walls):
     poses = search.data.poses
-    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T)))
-    return World(walls, poses, Increments.of(poses, way, np.append(0.0, np.cumsum(np.diff(poses[:, 2]) ** 2)), NOISE))
+    return World(walls, poses, Increments.of(poses, odometer_sums(poses), NOISE))
 
 
 @pytest.mark.parametrize('sensor', SENSORS.values(), ids=SENSORS)
