@@ -176,6 +176,8 @@ class Search(Ground):
                 pierced, hole = self.pierced(hole), None
                 if pierced is not None:
                     yield pierced
+            if self._hopeless(start):
+                break
             known = start.value
             found = self.settle(improved_ring(self, start, pool))
             if found is None:
@@ -238,8 +240,8 @@ class Search(Ground):
         power has the last word, with the lines of a `pool` to try.
         """
         power = self.power.refine(start.walls, start, FULL_ORDER, 6)
-        if power is None:
-            return None
+        if power is None or (not power.walls.convex_outline and self._hopeless(power)):
+            return power and self.judged(power.with_walls(free(power.walls)), None)
         wave = self.aligned(power) if self.coherent else None
         for _ in power.walls.lines:
             if wave is None or wave.value >= COHERENT * power.value:
@@ -254,6 +256,11 @@ class Search(Ground):
             pool = np.empty((0, 2)) if pool is None else pool
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
         return found
+
+    def _hopeless(self, power: Power) -> bool:
+        """Whether walls that are not a convex outline explain too little, by power, to be worth more work."""
+        judged = self.judged(power, None)
+        return judged is None or judged.explained < WORTH_MOVING - self.uncertainty
 
     def changed(self, power: Power, wave: Wave) -> Found | None:
         """Make the moves of the schedule while one of them brings something."""
