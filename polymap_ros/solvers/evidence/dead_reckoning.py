@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.hearing.sounding import Sounding
 from polymap_ros.solvers.estimate import Edge
-from polymap_ros.solvers.evidence.localisation import Prior
+from polymap_ros.solvers.evidence.odometry import turns
 from polymap_ros.solvers.evidence.tracking import Chain
 
 
@@ -43,7 +43,5 @@ def as_dead_reckoned(wall: Edge, heard: Sequence[Sounding], chain: Chain, width_
 
 def dead_reckoned(chain: Chain, ping: int) -> NDArray[np.float64]:
     """Return the covariance (3, 3) of a ping's pose by the odometry from the first one on."""
-    known = Prior(chain.poses[0], np.zeros((3, 3)))
-    for pose, noise in zip(chain.poses[1:], chain.between(np.arange(ping + 1)).covariance, strict=False):
-        known = known.next(pose, noise, backwards=False)
-    return known.covariance
+    turn, = turns(chain.poses[:1, 2])
+    return np.asarray(turn @ chain.between(np.array([0, ping])).covariance[0] @ turn.T)

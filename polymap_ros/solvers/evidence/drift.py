@@ -82,7 +82,8 @@ class Follower:
             return None
         # The cells may be others today.
         like = search.between(last.storey, last.power.strength).nothing.with_walls(last.walls)
-        track = refined(search, chain, last._replace(power=like), known, self._poses_of(known, chain), _AGAIN)
+        poses = self._poses_of(known, chain)
+        track = refined(search, chain.as_found(known, poses), last._replace(power=like), known, poses, _AGAIN)
         if track is None:
             return None
         *_, whole = (track, *followed(search, chain, track))
@@ -139,7 +140,13 @@ def begun(search: Search, chain: Chain, found: Found | None) -> Track | None:
         track = None if track is None else mended(search, chain, track, (), 0.0)
     else:
         track = _from_all(search, chain, found) or tracked(search, chain)
-    return None if track is None else anchored(rejoined(search, chain, sifted(search, chain, track)), chain)
+    if track is None:
+        return None
+    track = rejoined(search, chain, sifted(search, chain, track))
+    as_found = chain.as_found(track.pings, track.poses)
+    if as_found.noise != chain.noise:
+        track = refined(search, as_found, track.found, track.pings, track.poses) or track
+    return anchored(track, chain)
 
 
 def _from_all(search: Search, chain: Chain, found: Found | None) -> Track | None:

@@ -67,6 +67,7 @@ class LocalisingSolver:
         chain = Chain.of(heard, search.data, OdometryNoise.assumed(self._parameters.slam))
         track = self._followed(search, chain) or self._begun(search, chain, walls)
         track = track and self._carried_away(search, chain, walls, track)
+        chain = chain.as_found(track.pings, track.poses) if track else chain
         joint = track and known(track, chain)
         if track is None or joint is None:
             return self._nowhere(stamp_ns, evidence, len(heard))

@@ -33,8 +33,9 @@ FLOOR_M, FLOOR_RAD = 5e-4, 1e-3
 FREEDOM = 4.0
 """Degrees of freedom of the errors: tails in which an error of a hundred deviations along one axis costs 27 nats."""
 
-_MEDIAN_OF_TWO = 1.386
-"""Median of the sum of two squared Gaussians: 2 ln 2."""
+MEDIAN_OF_TWO = 1.386
+"""Median of the sum of two squared Gaussians, 2 ln 2: of an increment's three errors headings, which are free, take
+one."""
 
 _SOME = 8
 """Poses from which their median tells something."""
@@ -49,16 +50,25 @@ levels that are twice what is assumed one in 10^3."""
 
 @dataclass(frozen=True)
 class OdometryNoise:
-    """Assumed errors: `distance` [m per sqrt m], `heading` [rad per sqrt m], and `turn`, a share of every turn."""
+    """Assumed errors: `distance` [m per sqrt m], `heading` [rad per sqrt m], and `turn`, a share of every turn.
+
+    Beside these of wheels, `place` [m], by which each reported position is off by itself. Increments are taken to err
+    by it independently: that the errors of neighbouring ones are opposite is left out, which tells less than there is.
+    """
 
     distance: float
     heading: float
     turn: float
+    place: float = 0.0
 
     @classmethod
     def assumed(cls, slam: SlamParameters) -> 'OdometryNoise':
         """Return what the parameters assume."""
         return cls(slam.noise_m_sqrt_m, float(np.deg2rad(slam.noise_deg_sqrt_m)), slam.noise_turn)
+
+    def times(self, factor: float) -> 'OdometryNoise':
+        """Return the same with errors of wheels as many times as large."""
+        return OdometryNoise(factor * self.distance, factor * self.heading, factor * self.turn, self.place)
 
     def covariance(self, way: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return that of the errors of x, y and heading, (n, 3, 3), at the `ends` (n, 2) of ways (n, SUMS)."""
@@ -73,7 +83,8 @@ class OdometryNoise:
         covariance[:, 2, 2] = count
         values, axes = np.linalg.eigh(covariance)  # far from the start rounding makes some negative
         kept = np.maximum(values, 0.0)[:, None, :] * axes @ np.swapaxes(axes, 1, 2)
-        return np.asarray(kept + np.diag((FLOOR_M**2, FLOOR_M**2, FLOOR_RAD**2)))
+        each = FLOOR_M**2 + 2.0 * self.place**2
+        return np.asarray(kept + np.diag((each, each, FLOOR_RAD**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,12 +118,12 @@ class Increments:
         """Return the same with Gaussian errors, among which no slip is expected."""
         return replace(self, freedom=_GAUSSIAN)
 
-    def as_found(self, poses: NDArray[np.float64], most: float = np.inf) -> 'Increments':
+    def as_found(self, poses: NDArray[np.float64], most: float) -> 'Increments':
         """Return the same with the covariance that the errors at poses that echoes have told show, where it is larger.
 
-        Of the three errors of an increment two are seen there: headings are free. It grows by a factor `most` at most.
+        It grows by a factor `most` at most.
         """
-        spread = float(np.median(self.squares(poses))) / _MEDIAN_OF_TWO if len(poses) > _SOME else 1.0
+        spread = float(np.median(self.squares(poses))) / MEDIAN_OF_TWO if len(poses) > _SOME else 1.0
         return replace(self, covariance=min(max(spread, 1.0), most) * self.covariance)
 
     def errors(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:

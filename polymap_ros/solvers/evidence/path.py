@@ -32,7 +32,7 @@ class Known(NamedTuple):
 
 def known(track: Track, chain: Chain) -> Known | None:
     """Return how well walls and poses are known together, by the inverse of their joint information."""
-    odometry, data = chain.between(track.pings).as_found(track.poses), track.search.data
+    odometry, data = chain.between(track.pings), track.search.data
     world = World(track.found.walls, track.poses, odometry)
     top: Joint[Wave] | Joint[Power] | None
     if (wave := track.found.wave) is not None:
@@ -75,7 +75,7 @@ def steps_and_losses(path: Trajectory, chain: Chain) -> list[Caution]:
     seconds = 1e-9 * (np.array(path.stamps_ns) - path.stamps_ns[0])
     cautions = []
     odometry = chain.between(np.arange(len(chain.poses)))
-    slipped = np.flatnonzero(odometry.as_found(path.poses).squares(path.poses) > SLIP)
+    slipped = np.flatnonzero(odometry.squares(path.poses) > SLIP)
     if len(slipped):
         errors = odometry.errors(path.poses)[slipped]
         cautions.append(wording.slips([(float(seconds[step + 1]), float(np.hypot(x, y)), float(turn))

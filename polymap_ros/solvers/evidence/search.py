@@ -240,9 +240,10 @@ class Search(Ground):
         power has the last word, with the lines of a `pool` to try.
         """
         power = self.power.refine(start.walls, start, FULL_ORDER, 6)
-        if power is None or (not power.walls.convex_outline and self._hopeless(power)):
-            return power and self.judged(power.with_walls(free(power.walls)), None)
-        wave = self.aligned(power) if self.coherent else None
+        if power is None:
+            return None
+        in_vain = not self.coherent or (not power.walls.convex_outline and self._hopeless(power))
+        wave = None if in_vain else self.aligned(power)
         for _ in power.walls.lines:
             if wave is None or wave.value >= COHERENT * power.value:
                 break

@@ -106,6 +106,7 @@ class EvidenceSolver:
         straight = _straight(snapshot)
         checkpoint()
         search, self._last, track = self._found(reported, chain, evidence)
+        chain = chain.as_found(track.pings, track.poses) if track else chain
         findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None,
                             self._unsure_ring)
         doubt = 0.0 if misheard(evidence) else search.uncertainty

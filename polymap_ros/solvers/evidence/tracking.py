@@ -19,6 +19,7 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.likelihood import S
 from polymap_ros.solvers.evidence.localisation import Fix, Localiser, Prior
 from polymap_ros.solvers.evidence.odometry import SLIP, Increments, OdometryNoise
+from polymap_ros.solvers.evidence.odometry_found import odometry_found
 from polymap_ros.solvers.evidence.power import PowerLikelihood
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.trajectory import Joint, JointLikelihood, World
@@ -49,10 +50,12 @@ _REFINED_EVERY = 12
 class Chain(NamedTuple):
     """What the odometry says of the pings of a search.
 
-    Poses (N, 3), the way driven up to each (N, SUMS; `Odometer.sums`), what errors are assumed, and the pings' stamps.
+    Poses (N, 3) in the search's frame, and as reported, in the start frame, with the way driven up to each there
+    (N, SUMS; `Odometer.sums`); what errors are assumed, and the pings' stamps.
     """
 
     poses: NDArray[np.float64]
+    reported: NDArray[np.float64]
     way: NDArray[np.float64]
     noise: OdometryNoise
     stamps_ns: tuple[int, ...]
@@ -60,17 +63,23 @@ class Chain(NamedTuple):
     @classmethod
     def of(cls, soundings: Sequence[Sounding], data: EchoData, noise: OdometryNoise) -> 'Chain':
         """Return what the odometry says of soundings, which `data` holds."""
-        return cls(data.poses, np.array([sounding.way for sounding in soundings]), noise,
+        bases = (sounding.base for sounding in soundings)
+        return cls(data.poses, np.array([(base.x, base.y, base.yaw) for base in bases]),
+                   np.array([sounding.way for sounding in soundings]), noise,
                    tuple(sounding.stamp_ns for sounding in soundings))
 
     def part(self, pings: NDArray[np.int64]) -> 'Chain':
         """Return what it says of some of the pings."""
-        return self._replace(poses=self.poses[pings], way=self.way[pings],
+        return self._replace(poses=self.poses[pings], reported=self.reported[pings], way=self.way[pings],
                              stamps_ns=tuple(self.stamps_ns[ping] for ping in pings))
 
     def between(self, pings: NDArray[np.int64]) -> Increments:
         """Return the odometry between some of the pings."""
-        return Increments.of(self.poses[pings], self.way[pings], self.noise)
+        return Increments.of(self.reported[pings], self.way[pings], self.noise)
+
+    def as_found(self, pings: NDArray[np.int64], poses: NDArray[np.float64]) -> 'Chain':
+        """Return the same with the errors that the odometry makes by the poses of some of the pings."""
+        return self._replace(noise=odometry_found(self.reported[pings], self.way[pings], self.noise, poses))
 
 
 class Track(NamedTuple):

@@ -3,6 +3,7 @@
 import numpy as np
 
 from polymap_ros.geometry.pose import Pose
+from polymap_ros.hearing.odometer import odometer_sums
 from polymap_ros.hearing.sounding import Sounding
 from polymap_ros.simulation.odometry import Drift, reported
 from polymap_ros.solvers.estimate import Edge
@@ -27,8 +28,7 @@ def test_its_deviations_are_those_of_the_place_from_which_it_was_first_heard():
     ranges = np.where(np.arange(61) >= 40, r - true[:, :2] @ normal, 0.3)  # something else is nearer before
     heard = [Sounding(k, x, y, NO_ECHO, NO_ECHO, rho, yaw=yaw)
              for k, ((x, y, yaw), rho) in enumerate(zip(true.tolist(), ranges.tolist(), strict=True))]
-    way = np.append(0.0, np.cumsum(np.hypot(*np.diff(true[:, :2], axis=0).T)))
-    chain = Chain(true, way, np.append(0.0, np.cumsum(np.diff(true[:, 2]) ** 2)), NOISE, tuple(range(61)))
+    chain = Chain(true, true, odometer_sums(true), NOISE, tuple(range(61)))
     found = as_dead_reckoned(Edge(r, theta, 1.0, 1e-4, 1e-4), heard, chain, 0.03)
     generator, walls = np.random.default_rng(3), []
     for _ in range(3000):
