@@ -14,9 +14,9 @@ from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import first_strength
 from polymap_ros.solvers.evidence.ring_annealing import annealed
 from polymap_ros.solvers.evidence.ring_changes import changes, notched
-from polymap_ros.solvers.evidence.rings import RingFeet, ring_evidence, ring_feet
+from polymap_ros.solvers.evidence.rings import ring_evidence, ring_feet
 from polymap_ros.solvers.evidence.square_walls import squared
-from polymap_ros.solvers.evidence.tuning import ANOTHER_POLYGON, PRICE, SEARCH_ORDER
+from polymap_ros.solvers.evidence.tuning import ANOTHER_POLYGON, DIFFERENT, PRICE, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 
 _RESIDUAL = 20
@@ -26,6 +26,10 @@ _ALIGNED, _ALIGNED_RESIDUAL = 16, 8
 """Lines of each quarter turn that are parallel or perpendicular to most, of all that was heard and of what a ring
 leaves: among the first as many were 33 of the 34 such walls of five outlines that were not found without."""
 
+_LINES = 150
+"""Lines of each of two rankings: of 27 outlines (even seeds) 15 have a wall below the 60th place of the second ranking,
+nine below the 150th."""
+
 _WALKED = 120
 """Lines that walks are made of: their time grows with the square."""
 
@@ -34,6 +38,10 @@ _TRIED_LINES = 110
 
 _ANNEALED, _KEPT = 6, 6
 """Closed walks that are annealed, and rings that are refined by power: the best, if they differ."""
+
+_STARTS = 3
+"""Of those, rings from which changes set out: of six T without right angles (even seeds) three are reached from the
+first, and all from one of three."""
 
 _RING_ANNEALING = 40_000
 """Iterations of an annealing: a tenth of a second or two. With ten times as many no more outlines of 27 were found."""
@@ -45,15 +53,16 @@ _RING_CHANGES = 12
 """Changes in a row, at most."""
 
 
-def ring_start(ground: Ground, most: int) -> tuple[Power | None, NDArray[np.float64]]:
-    """Return the best ring from closed walks, refined by two orders and three, and the lines, at most so many of each
-    ranking, that it was chosen among.
+def ring_starts(ground: Ground) -> tuple[list[Power], NDArray[np.float64]]:
+    """Return the best rings from closed walks, refined by two orders and three, and the lines they were chosen among.
+
+    Changes, of which the best is made each time, lead one of the next rings to the outline where the first ends short.
     """
     data, nothing = ground.data, ground.nothing.expected
     strength = first_strength(data, nothing)
-    pool, evidence = oriented_lines(data, nothing, strength, most)
+    pool, evidence = oriented_lines(data, nothing, strength, _LINES)
     if len(pool) < 3:
-        return None, pool
+        return [], pool
     direction = main_direction(data, nothing, strength)
     aligned = aligned_lines(data, nothing, strength, direction, _ALIGNED)
     pool, evidence = np.vstack((aligned.lines, pool)), np.concatenate((aligned.evidence, evidence))
@@ -66,15 +75,16 @@ def ring_start(ground: Ground, most: int) -> tuple[Power | None, NDArray[np.floa
         ground.checkpoint()
         ring, score = annealed(pool, evidence, walk, feet, ground.max_edges, _RING_ANNEALING, ground.generator)
         rings[tuple(np.roll(ring, -int(np.argmin(ring))).tolist())] = score
-    best = None
+    refined: list[Power] = []
     for numbers in sorted(rings, key=lambda each: -rings[each])[:_KEPT]:
         ground.checkpoint()
         ring, _ = notched(pool, np.array(numbers), rings[numbers], feet, ground.max_edges)
         walls = _walls(pool[ring], np.ones(len(ring)))
         power = ground.power.refine(walls, ground.nothing.with_strength(strength), 2, 4)
-        if power is not None and (best is None or _worth(power) > _worth(best)):
-            best = power
-    return best and (ground.power.refine(best.walls, best, SEARCH_ORDER, 4) or best), pool
+        if power is not None and all(abs(power.value - other.value) > DIFFERENT for other in refined):
+            refined.append(power)
+    refined.sort(key=lambda power: -_worth(power))
+    return [ground.power.refine(power.walls, power, SEARCH_ORDER, 4) or power for power in refined[:_STARTS]], pool
 
 
 def improved_ring(ground: Ground, power: Power, pool: NDArray[np.float64]) -> Power:
@@ -86,20 +96,26 @@ def improved_ring(ground: Ground, power: Power, pool: NDArray[np.float64]) -> Po
         assert fitted is not None, 'the walls bound an outline'
         more = oriented_lines(ground.data, fitted.expected, fitted.strength, _RESIDUAL).lines
         aligned = aligned_lines(ground.data, fitted.expected, fitted.strength, direction, _ALIGNED_RESIDUAL).lines
-        feet = ring_feet(ground.data, ground.nothing.expected, fitted.strength)
         tried = np.vstack((aligned, more, pool))[:_TRIED_LINES]
-        better = _changed(ground, fitted, np.vstack((power.walls.lines, tried)), feet)
+        better = _changed(ground, fitted, np.vstack((power.walls.lines, tried)))
         if better is None:
             break
         power = better
     return power
 
 
-def _changed(ground: Ground, fitted: Power, lines: NDArray[np.float64], feet: RingFeet) -> Power | None:
-    """Return the best change of a ring, whose edges are the first of the lines, if it is another outline."""
-    count = len(fitted.walls)
-    # By first echoes alone the line of another edge, where two are on one, ranks behind clutter: first a list of those.
-    rings = changes(lines[:count], count, feet, ground.max_edges) + changes(lines, count, feet, ground.max_edges)
+def _changed(ground: Ground, fitted: Power, lines: NDArray[np.float64]) -> Power | None:
+    """Return the best change of a ring, whose edges are the first of the lines, if it is another outline.
+
+    By first echoes alone the line of another edge, where two are on one, ranks behind clutter: first a list of those.
+    So does a pair of walls of which the ring knows nothing, behind images of walls that it knows: last a list by what
+    it leaves unexplained.
+    """
+    count, data, most = len(fitted.walls), ground.data, ground.max_edges
+    feet = ring_feet(data, ground.nothing.expected, fitted.strength)
+    left = ring_feet(data, fitted.expected, fitted.strength)
+    rings = [*changes(lines[:count], count, feet, most), *changes(lines, count, feet, most),
+             *changes(lines, count, left, most)]
     reflection = np.append(np.abs(fitted.walls.reflection), np.ones(len(lines) - count))
     trials = [_walls(lines[ring], reflection[ring]) for ring in rings]
     for value, order, most in (

@@ -4,7 +4,7 @@
 goes over to the waveform and lets the moves of `SCHEDULE` change it, the first that brings something each time.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -34,13 +34,12 @@ from polymap_ros.solvers.evidence.moves.start import Start, starts
 from polymap_ros.solvers.evidence.moves.storey import tune_storey
 from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall, merge_walls
 from polymap_ros.solvers.evidence.power import Power
-from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_start
+from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
 from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     ANOTHER_POLYGON,
     COHERENT,
-    DIFFERENT,
     EXPLAINED,
     FULL_ORDER,
     HOLE_WORTH,
@@ -48,7 +47,7 @@ from polymap_ros.solvers.evidence.tuning import (
     IN_PHASE,
     PHASED,
     PRICE,
-    RING_LINES,
+    RING_EXPLAINED,
     RING_WORTH,
     ROUNDS,
     SEARCH_ORDER,
@@ -166,20 +165,29 @@ class Search(Ground):
         fitted = convex and self.power.fitted(convex.walls, convex.power, SEARCH_ORDER)
         nothing = self.nothing.value
         hole = self.first_hole(convex) if convex else None
-        known, least = -np.inf, RING_WORTH * ((fitted.value if fitted else nothing) - nothing)
-        for most in RING_LINES:
+        starts, pool = ring_starts(self)
+        worth = starts[0].value - nothing if starts else -np.inf
+        if hole is not None and hole.value - nothing > HOLE_WORTH * worth:
+            pierced, hole = self.pierced(hole), None
+            if pierced is not None:
+                yield pierced
+        if worth > RING_WORTH * ((fitted.value if fitted else nothing) - nothing) and not self._hopeless(starts[0]):
+            yield from self._rings(starts, pool)
+        pierced = self.pierced(hole) if hole else None
+        if pierced is not None:
+            yield pierced
+
+    def _rings(self, starts: Sequence[Power], pool: NDArray[np.float64]) -> Iterator[Found]:
+        """Give what rings lead to with lines of a pool: as soon as one explains much, and in the end."""
+        rings: list[Power] = []
+        for start in starts:
             self.checkpoint()
-            start, pool = ring_start(self, most)
-            if start is None or start.value - nothing < least or abs(start.value - known) < DIFFERENT:
-                break
-            if hole is not None and hole.value - nothing > HOLE_WORTH * (start.value - nothing):
-                pierced, hole = self.pierced(hole), None
-                if pierced is not None:
-                    yield pierced
-            if self._hopeless(start):
-                break
-            known = start.value
-            found = self.settle(improved_ring(self, start, pool))
+            rings.append(improved_ring(self, start, pool))
+            judged = self.judged(rings[-1], None)
+            if start is not starts[-1] and (judged is None or judged.explained < RING_EXPLAINED):
+                continue
+            best = max(rings, key=lambda each: each.value - PRICE * len(each.walls))
+            found = self.settle(best)
             if found is None:
                 continue
             yield found
@@ -187,9 +195,6 @@ class Search(Ground):
             found = self.settle(improved_ring(self, found.power, pool))
             if found is not None:
                 yield found
-        pierced = self.pierced(hole) if hole else None
-        if pierced is not None:
-            yield pierced
 
     def first_hole(self, found: Found) -> Power | None:
         """Return an outline with the hole that is worth most by power, where it is worth clearly more than without."""

@@ -22,7 +22,7 @@ from polymap_ros.solvers.evidence.oriented_lines import oriented_lines
 from polymap_ros.solvers.evidence.proposals import first_strength
 from polymap_ros.solvers.evidence.ring_annealing import annealed
 from polymap_ros.solvers.evidence.ring_changes import changes, notched
-from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_start
+from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
 from polymap_ros.solvers.evidence.rings import PRICE_OF_EDGE, UNEXPLAINED, RingFeet, inside, ring_evidence, ring_feet
 from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.walls import Walls
@@ -134,9 +134,10 @@ def test_walks_of_an_l_and_its_start(in_l):
     walks = [ring for costs in COSTS for ring in closed_walks(data, pool, feet, costs)]
     assert all(corners_of(np.ascontiguousarray(pool[ring]))[0] for ring in walks)
     assert max(overlap(pool[ring], corners) for ring in walks) > 0.9
-    start, pool = ring_start(search, 60)
-    better = improved_ring(search, start, pool)
-    assert better.value >= start.value
+    starts, pool = ring_starts(search)
+    assert len({round(start.value) for start in starts}) == len(starts) > 1
+    better = improved_ring(search, starts[0], pool)
+    assert better.value >= starts[0].value
     assert overlap(better.walls.lines, corners) > 0.99
 
 
