@@ -99,11 +99,14 @@ class Increments:
         Of their errors, in the axes of b.
     freedom : float
         Degrees of freedom of their distribution.
+    least : float
+        Squared error from which an increment tells less the larger it is.
     """
 
     increments: NDArray[np.float64]
     covariance: NDArray[np.float64]
     freedom: float = FREEDOM
+    least: float = 0.0
 
     @classmethod
     def of(
@@ -117,6 +120,10 @@ class Increments:
     def trusted(self) -> 'Increments':
         """Return the same with Gaussian errors, among which no slip is expected."""
         return replace(self, freedom=_GAUSSIAN)
+
+    def expected(self) -> 'Increments':
+        """Return the same, of which none tells more than one is expected to, (nu + 3) / (nu + 5): for deviations."""
+        return replace(self, least=5.0)
 
     def as_found(self, poses: NDArray[np.float64], most: float) -> 'Increments':
         """Return the same with the covariance that the errors at poses that echoes have told show, where it is larger.
@@ -145,7 +152,7 @@ class Increments:
         """Return the gradient (3 N,) of the log density by the poses, one after the other, and its information."""
         n, errors = len(poses), self.errors(poses)
         before, after = by_ends(poses[:-1], poses[1:])
-        weight = (self.freedom + 3.0) / (self.freedom + self.squares(poses))
+        weight = (self.freedom + 3.0) / (self.freedom + np.maximum(self.squares(poses), self.least))
         known = weight[:, None, None] * self._information
         slope = np.einsum('ijk,ik->ij', known, errors)
         gradient, information = np.zeros((n, 3)), np.zeros((n, n, 3, 3))

@@ -31,8 +31,11 @@ class Known(NamedTuple):
 
 
 def known(track: Track, chain: Chain) -> Known | None:
-    """Return how well walls and poses are known together, by the inverse of their joint information."""
-    odometry, data = chain.between(track.pings), track.search.data
+    """Return how well walls and poses are known together, by the inverse of their joint information.
+
+    The first pose is as it is reported, but for what each place is off by itself.
+    """
+    odometry, data = chain.between(track.pings).expected(), track.search.data
     world = World(track.found.walls, track.poses, odometry)
     top: Joint[Wave] | Joint[Power] | None
     if (wave := track.found.wave) is not None:
@@ -46,6 +49,7 @@ def known(track: Track, chain: Chain) -> Known | None:
     information, walls, free = information_of(top), 3 * len(world.walls), np.flatnonzero(~world.frame)
     covariance = np.zeros_like(information)
     covariance[np.ix_(free, free)] = covariance_of(information[np.ix_(free, free)])
+    covariance += chain.noise.place**2 * world.by_shift @ world.by_shift.T
     number = np.arange(len(track.poses))
     poses = covariance[walls:, walls:].reshape(len(number), 3, len(number), 3)[number, :, number]
     return Known(Walls.of_lines(covariance[:walls, :walls]), poses)

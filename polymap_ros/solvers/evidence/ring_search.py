@@ -39,7 +39,7 @@ _TRIED_LINES = 110
 _ANNEALED, _KEPT = 6, 6
 """Closed walks that are annealed, and rings that are refined by power: the best, if they differ."""
 
-_STARTS = 3
+_SET_OUT = 3
 """Of those, rings from which changes set out: of six T without right angles (even seeds) three are reached from the
 first, and all from one of three."""
 
@@ -84,7 +84,7 @@ def ring_starts(ground: Ground) -> tuple[list[Power], NDArray[np.float64]]:
         if power is not None and all(abs(power.value - other.value) > DIFFERENT for other in refined):
             refined.append(power)
     refined.sort(key=lambda power: -_worth(power))
-    return [ground.power.refine(power.walls, power, SEARCH_ORDER, 4) or power for power in refined[:_STARTS]], pool
+    return [ground.power.refine(power.walls, power, SEARCH_ORDER, 4) or power for power in refined[:_SET_OUT]], pool
 
 
 def improved_ring(ground: Ground, power: Power, pool: NDArray[np.float64]) -> Power:

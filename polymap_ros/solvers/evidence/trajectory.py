@@ -59,6 +59,13 @@ class World:
         lines = self.walls.known
         return np.concatenate((lines, np.repeat(np.arange(len(self.poses)) == self.fixed, 3) & ~np.any(lines)))
 
+    @property
+    def by_shift(self) -> NDArray[np.float64]:
+        """How the numbers (k,) change as all is moved along x and along y, shape (k, 2); not where lines are known."""
+        walls = -self.walls.by_pose(np.zeros((1, 3)))[0, :, :2]
+        shift = np.vstack((walls, np.tile(np.eye(3, 2), (len(self.poses), 1))))
+        return np.zeros_like(shift) if np.any(self.walls.known) else shift
+
     def log_prior(self) -> float:
         """Return the log prior of the poses."""
         return self.odometry.log_prior(self.poses)

@@ -14,8 +14,10 @@ from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.likelihood import gradient_of, information_of
 from polymap_ros.solvers.evidence.odometry import Increments, OdometryNoise
+from polymap_ros.solvers.evidence.path import known
 from polymap_ros.solvers.evidence.power import PowerLikelihood
 from polymap_ros.solvers.evidence.search import search_of
+from polymap_ros.solvers.evidence.tracking import Chain, judged_track
 from polymap_ros.solvers.evidence.trajectory import Joint, JointLikelihood, World
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import WaveformLikelihood
@@ -105,3 +107,25 @@ def test_walls_and_poses_that_are_off_come_back_together(of):
     limit_m = 3e-3 if of is PowerLikelihood else 2e-5  # of power, a deviation
     assert np.abs(again.unknowns.poses - top.unknowns.poses)[:, :2].max() < limit_m
     assert np.abs(again.unknowns.walls.lines - top.unknowns.walls.lines)[:, 0].max() < limit_m
+
+
+@pytest.mark.parametrize('place', [0.0, 0.004])
+def test_all_is_known_to_turn_about_the_first_pose_as_well_as_odometry_alone_tells(place):
+    """Echoes hold walls and places together, and tell nothing of how they lie about the first pose, or where it is."""
+    search, walls = heard(SensorParameters(), edges=5, pings=20)
+    poses = search.data.poses
+    found = search.judge(search.power.fitted(walls, search.power.initial(1.0), 3))
+    track = judged_track(search, found, np.arange(len(poses)), poses)
+    chain = Chain(poses, poses, odometer_sums(poses), dataclasses.replace(NOISE, place=place), tuple(range(len(poses))))
+    told = known(track, chain)
+    _, information = chain.between(track.pings).expected().derivatives(poses)
+    turn_and_headings = np.zeros((len(information), len(poses)))
+    away = poses[:, :2] - poses[0, :2]
+    turn_and_headings[0::3, 0], turn_and_headings[1::3, 0] = -away[:, 1], away[:, 0]
+    turn_and_headings[2::3, 1:] = np.eye(len(poses))[:, 1:]
+    variance = np.linalg.inv(turn_and_headings.T @ information @ turn_and_headings)[0, 0]
+    assert np.sqrt(np.diag(told.walls)[1::2]) == pytest.approx(5 * [np.sqrt(variance)], rel=0.02)
+    theta = found.lines[:, 1]
+    lever = poses[0, 1] * np.cos(theta) - poses[0, 0] * np.sin(theta)
+    expected = np.hypot(place, lever * np.sqrt(variance))
+    assert np.sqrt(np.diag(told.walls)[::2]) == pytest.approx(expected, abs=2e-4)
