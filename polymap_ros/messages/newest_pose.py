@@ -68,12 +68,12 @@ class NewestPose:
             self._covariance())
 
     def _covariance(self) -> NDArray[np.float64]:
-        """Of x, y and yaw: that of the last estimated pose, and of the way since."""
+        """Of x, y and yaw: that of the last estimated pose, and of the way since, as if it led straight on."""
         estimate = self._mapper.estimate
         if estimate is None or estimate.trajectory is None:
             return np.diag((FLOOR_M, FLOOR_M, FLOOR_RAD)) ** 2
         way_m = self._mapper.driven_since_m(estimate.trajectory.stamps_ns[-1])
-        along = self._noise.covariance(np.array([way_m]), np.zeros(1))[0]
+        along = self._noise.straight_on(way_m)
         spread = max(along[0, 0], along[1, 1])
         return np.asarray(estimate.trajectory.covariances[-1] + np.diag((spread, spread, along[2, 2])))
 

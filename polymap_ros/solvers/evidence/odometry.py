@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.poses import between
+from polymap_ros.hearing.odometer import odometer_sums
 from polymap_ros.slam_parameters import SlamParameters
 
 FLOOR_M, FLOOR_RAD = 5e-4, 1e-3
@@ -69,6 +70,11 @@ class OdometryNoise:
     def times(self, factor: float) -> 'OdometryNoise':
         """Return the same with errors of wheels as many times as large."""
         return OdometryNoise(factor * self.distance, factor * self.heading, factor * self.turn, self.place)
+
+    def straight_on(self, way_m: float) -> NDArray[np.float64]:
+        """Return the covariance (3, 3) of (along, across, heading) over a straight way."""
+        poses = np.array([(0.0, 0.0, 0.0), (way_m, 0.0, 0.0)])
+        return np.asarray(Increments.of(poses, odometer_sums(poses), self).covariance[0])
 
     def covariance(self, way: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return that of the errors of x, y and heading, (n, 3, 3), at the `ends` (n, 2) of ways (n, SUMS)."""

@@ -102,6 +102,13 @@ def test_the_way_between_pings_that_are_not_kept_counts():
     np.testing.assert_allclose(kept.covariance[0] / np.outer(scale, scale), sample / np.outer(scale, scale), atol=0.04)
 
 
+def test_straight_on_the_errors_are_those_of_a_metre_of_wheels():
+    along, across, heading = np.sqrt(np.diag(NOISE.straight_on(1.0)))
+    assert along == pytest.approx(np.hypot(0.015, FLOOR_M))
+    assert across == pytest.approx(np.hypot(np.deg2rad(1.5) / np.sqrt(3.0), FLOOR_M))
+    assert heading == pytest.approx(np.hypot(np.deg2rad(1.5), FLOOR_RAD))
+
+
 def test_far_from_the_start_a_covariance_stays_one():
     """At a million metres rounding alone is more than a step is known to."""
     poses = drawn() + (1e6, -1e6, 0.0)
