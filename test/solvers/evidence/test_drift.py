@@ -231,7 +231,9 @@ def test_save_load_and_go_on_gives_what_an_uninterrupted_run_gives():
         feed(whole, scene, message)
         feed(second, scene, message)
     one, other = whole.solve(), second.solve()
-    np.testing.assert_allclose(other.polygon.vertices, one.polygon.vertices, atol=2e-4)
+    corners = [np.roll(each, -int(np.argmin(each[:, 0])), axis=0)  # which one is the first is nobody's business
+               for each in (other.polygon.vertices, one.polygon.vertices)]
+    np.testing.assert_allclose(*corners, atol=2e-4)
     np.testing.assert_allclose(other.trajectory.poses[:, :2], one.trajectory.poses[:, :2], atol=5e-4)
     np.testing.assert_allclose(second.path().poses[:, :2], whole.path().poses[:, :2], atol=5e-4)
 
