@@ -98,6 +98,8 @@ class Findings:
             The covariance of the lines of `found` where the poses are estimated, too.
         """
         certainty = certainty_of(self.search, found, with_poses)
+        if _has_hole_of_one_wall(found.walls, certainty):
+            return self.open()
         gap = self._gap(certainty, found)
         if self.straight and (gap or min(certainty.likelihood) < CERTAIN):
             return self.open()
@@ -174,6 +176,13 @@ def _names(walls: Walls) -> list[str]:
     return [*(str(edge) for edge in range(walls.ring)),
             *(f'H{hole}.{edge}' for hole, count in enumerate(holes.tolist()) for edge in range(count)),
             *(f'W{wall}' for wall in range(len(spans)))]
+
+
+def _has_hole_of_one_wall(walls: Walls, certainty: Certainty) -> bool:
+    """Whether one wall of a hole is certain at most: it may be a wall of the outline, whose corner is not there."""
+    ends = walls.ring + np.cumsum(walls.interior.holes)
+    likelihoods = np.split(np.asarray(certainty.likelihood), np.append(walls.ring, ends))[1:-1]
+    return any(np.sum(likelihood >= CERTAIN) < 2 for likelihood in likelihoods)
 
 
 def misheard(evidence: Evidence) -> bool:
