@@ -215,5 +215,5 @@ def _slips(track: Track, chain: Chain) -> int:
 
 
 def _is_slip(track: Track, chain: Chain) -> NDArray[np.bool_]:
-    odometry = chain.between(track.pings).as_found(track.poses, _NOISIER)
+    odometry = chain.between(track.pings).loosened(track.poses, _NOISIER)
     return np.asarray(odometry.squares(track.poses) > SLIP)

@@ -131,7 +131,7 @@ class Increments:
         """Return the same, of which none tells more than one is expected to, (nu + 3) / (nu + 5): for deviations."""
         return replace(self, least=5.0)
 
-    def as_found(self, poses: NDArray[np.float64], most: float) -> 'Increments':
+    def loosened(self, poses: NDArray[np.float64], most: float) -> 'Increments':
         """Return the same with the covariance that the errors at poses that echoes have told show, where it is larger.
 
         It grows by a factor `most` at most.

@@ -41,7 +41,7 @@ _ANNEALED, _KEPT = 6, 6
 
 _SET_OUT = 3
 """Of those, rings from which changes set out: of six T without right angles (even seeds) three are reached from the
-first, and all from one of three."""
+first, five from one of three, and the sixth but for a wall."""
 
 _RING_ANNEALING = 40_000
 """Iterations of an annealing: a tenth of a second or two. With ten times as many no more outlines of 27 were found."""

@@ -101,6 +101,7 @@ def test_off_takes_the_odometry_as_exact():
     scene = CASES['typical'].make(4, 5)
     estimate = fed(scene, messages(scene), **{'slam.mode': 'off'}).solve()
     assert estimate.trajectory is None
+    # By chance a polygon may explain just over half of the echoes by power; then nothing of it is called certain.
     assert estimate.status == 'open' or {'weak_edge', 'unexplained'} <= set(codes(estimate))
 
 
