@@ -1,14 +1,19 @@
 """The reasons that the diagnostics give in words are true, and what is no polygon is never published as one."""
 
+import contextlib
 import dataclasses
 import itertools
 import os
 import signal
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
+
+import pinging
 
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.messages.outputs import odometry_message
@@ -164,7 +169,34 @@ def test_solver_that_is_behind_is_told(peer, start, riding):
     peer.spin_until(lambda: values()['pings used'] == '0', 'the reset')
 
 
-def test_messages_that_the_middleware_lost_are_counted(peer, start, riding):
+class Pings:
+    """A process that sends pings; where the middleware takes it down, another one goes on."""
+
+    def __init__(self, stamp_ns):
+        self.stamp_ns, self._process = stamp_ns, None
+
+    def sent(self, count):
+        if self._process is None or self._process.poll() is not None:
+            self._process = subprocess.Popen([sys.executable, pinging.__file__, str(self.stamp_ns)], text=True,
+                                             stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        with contextlib.suppress(BrokenPipeError):
+            print(count, file=self._process.stdin, flush=True)
+        self.stamp_ns = int(self._process.stdout.readline() or self.stamp_ns + count)
+
+    def end(self):
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+
+
+@pytest.fixture
+def pings():
+    made = Pings(2 * SECOND_NS)
+    yield made
+    made.end()
+
+
+def test_messages_that_the_middleware_lost_are_counted(peer, start, riding, pings):
     """Best effort, and a node that is stopped for longer than its socket's buffer lasts.
 
     On a loaded machine that may be longer than the lease of its discovery, too, and then nothing of it was lost: again.
@@ -180,15 +212,10 @@ def test_messages_that_the_middleware_lost_are_counted(peer, start, riding):
 
     peer.spin_until(met, 'a pose')
     odometry_lost = values()['odometry lost']
-    stamps = iter(range(2 * SECOND_NS, 3 * SECOND_NS))
-
-    def sent(count):
-        for _ in range(count):
-            ride.ping(next(stamps), ride.samples[0])
 
     def stopped():
         os.kill(node.popen.pid, signal.SIGSTOP)
-        sent(400)
+        pings.sent(400)
         os.kill(node.popen.pid, signal.SIGCONT)
         return itertools.repeat(1, 100)
 
@@ -198,7 +225,7 @@ def test_messages_that_the_middleware_lost_are_counted(peer, start, riding):
         nonlocal rounds
         if next(rounds, None) is None:
             rounds = stopped()
-        sent(1)
+        pings.sent(1)
         return values()['echoes lost'] != '0'
 
     peer.spin_until(noticed, 'lost echoes in the diagnostics')
