@@ -78,7 +78,8 @@ HEAVY = {
     'test_after_a_restart_elsewhere_the_robot_is_found_and_the_map_goes_on', 'test_scale_and_drift_are_found_and_named',
     'test_a_replay_writes_the_pulse_which_the_next_one_takes',
     'test_a_recording_may_have_more_parts_than_a_process_may_have_files_at_first',
-    'test_outlines_that_are_not_convex_are_mapped', 'test_where_only_convex_ones_are_asked_for_an_l_stays_open'}
+    'test_outlines_that_are_not_convex_are_mapped', 'test_where_only_convex_ones_are_asked_for_an_l_stays_open',
+    'test_an_l_with_a_real_corner_is_mapped'}
 """Tests of ten seconds and more, together half of the time: ``pytest -m heavy`` runs them."""
 
 HERE = Path(__file__).parent

@@ -153,7 +153,7 @@ def _shapes(arguments: argparse.Namespace) -> int:
 
     kinds = _kinds(arguments, SHAPE_KINDS)
     parameters, _, seeds, _ = _scenes(arguments)
-    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters)
+    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, arguments.echoes or 'images')
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (
         kinds.index(entry.kind), entry.trial.seed))

@@ -44,12 +44,15 @@ class ShapesExperiment:
         As in `Scene`.
     parameters : Parameters
         What the scene does not prescribe.
+    echoes : str
+        Of `ECHOES`.
     """
 
     kinds: Sequence[str]
     seeds: Sequence[int]
     snr_db: float | None
     parameters: Parameters
+    echoes: str = 'images'
 
     def scenes(self) -> list[tuple[str, int]]:
         """Kind and seed of every scene."""
@@ -59,7 +62,7 @@ class ShapesExperiment:
         """The trial of one scene, whose `seconds` are of CPU."""
         scene = dataclasses.replace(shaped_scene(kind, seed), snr_db=self.snr_db)
         ready(self.parameters)
-        mapper = filled_mapper(scene, self.parameters, clean_echoes(scene))
+        mapper = filled_mapper(scene, self.parameters, clean_echoes(scene, self.echoes))
         started = time.process_time()
         estimate = mapper.solve()
         trial = judged(estimate, scene, self.parameters.solver.method, time.process_time() - started)

@@ -27,8 +27,8 @@ def _shaped(recipe: Recipe) -> Callable[[int, int], Scene]:
     return lambda seed, edges: random_scene(seed, edges, recipe)
 
 
-def _changed(**changes: float) -> Callable[[int, int], Scene]:
-    return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), **changes)  # type: ignore[arg-type]
+def _changed(**changes: Any) -> Callable[[int, int], Scene]:
+    return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), **changes)
 
 
 def _faulty(**faults: Any) -> Callable[[int, int], Scene]:
@@ -113,6 +113,8 @@ VARIANTS = {
     'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
     'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),
     'phase_by_wall': Variant('each wall by its own, within 45 degrees', _edged(spread_deg=45.0)),
+    'edge_fading': Variant('echoes that fade over a Fresnel zone at the ends of walls, and corners that diffract',
+                           _changed(edge_fading='fresnel')),
     'order_4': Variant('echoes up to order 4 only, without loss', _changed(order=4)),
     'order_8': Variant('echoes up to order 8, reflection coefficients of 0.8 to 0.95',
                        lambda seed, edges: dataclasses.replace(lossy(random_scene(seed, edges), 0.8, 0.95), order=8)),

@@ -1,6 +1,7 @@
 """What a real device and its odometry do wrong, as options of a scene. Everything is off by default."""
 
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,10 @@ _NEAREST_M = 5e-4
 """Half the way from emitter to receiver where they are in one place."""
 _DECAY = 3.0
 """They fade by this many nepers towards their end."""
+
+Paths: TypeAlias = list[tuple[NDArray[np.float64], NDArray[Any]]]
+"""Of every ping the lengths (m,) [m] and amplitudes (m,), before spreading, of its paths, nearest first; complex where
+walls turn the phase."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +76,8 @@ class Faults(Group):
 
 
 def first_echo_faults(
-    faults: Faults, generator: np.random.Generator, paths: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    spreading: float,
-) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+    faults: Faults, generator: np.random.Generator, paths: Paths, spreading: float
+) -> Paths:
     """Lengths and amplitudes of every ping's paths, nearest first, with first echoes taken away or false ones added."""
     if not (faults.missing_first or faults.false_first):
         return paths

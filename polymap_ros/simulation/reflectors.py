@@ -86,19 +86,31 @@ def heard_images(
     """
     source = np.asarray(position, dtype=float)
     place = source if receiver is None else np.asarray(receiver, dtype=float)
+    found = traced(reflectors, source, order, place)
+    nearest = np.argsort(np.linalg.norm(found[:, :2] - place, axis=1), kind='stable')
+    return found[nearest, :2], found[nearest, 2]
+
+
+def traced(
+    reflectors: Reflectors, source: NDArray[np.float64], order: int, place: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return x and y of the images heard at a place, their amplitudes and orders, shape (k, 4); see `heard_images`."""
     walls = np.ascontiguousarray(np.stack((reflectors.starts, reflectors.ends), axis=1))
     size = float(np.ptp(walls, axis=(0, 1)).max())
     beside = place + _ASIDE * size * np.array((np.cos(_DIRECTION_RAD), np.sin(_DIRECTION_RAD)))
     capacity = 64
     while True:
-        found = np.empty((capacity, 3))
+        found = np.empty((capacity, 4))
         count = _trace(walls, reflectors.reflection, reflectors.transmission, source, beside, order, found)
         if count <= capacity:
-            break
+            return found[:count]
         capacity = 2 * count
-    found = found[:count]
-    nearest = np.argsort(np.linalg.norm(found[:, :2] - place, axis=1), kind='stable')
-    return found[nearest, :2], found[nearest, 2]
+
+
+def straight(reflectors: Reflectors, source: NDArray[np.float64], place: NDArray[np.float64]) -> float:
+    """Return what the walls in the way leave of the amplitude straight from a source to a place."""
+    walls = np.ascontiguousarray(np.stack((reflectors.starts, reflectors.ends), axis=1))
+    return float(_passed(walls, reflectors.transmission, source[0], source[1], place[0], place[1], -1, -1))
 
 
 @kernel
@@ -138,7 +150,7 @@ def _trace(
     walls: NDArray[np.float64], reflection: NDArray[np.float64], transmission: NDArray[np.float64],
     source: NDArray[np.float64], receiver: NDArray[np.float64], order: int, found: NDArray[np.float64],
 ) -> int:
-    """Write images and amplitudes into `found` (capacity, 3); returns how many there are, also beyond the capacity."""
+    """Write images, amplitudes and orders into `found` (capacity, 4); returns their number, which may be larger."""
     n, count = len(walls), 0
     images = np.empty((order + 1, 2))
     images[0] = source
@@ -161,7 +173,8 @@ def _trace(
         amplitude = _traced_back(walls, reflection, transmission, images, hit, depth, receiver)
         if amplitude != 0.0:
             if count < len(found):
-                found[count, 0], found[count, 1], found[count, 2] = images[depth, 0], images[depth, 1], amplitude
+                found[count, 0], found[count, 1] = images[depth]
+                found[count, 2], found[count, 3] = amplitude, depth
             count += 1
         if depth < order:
             depth += 1

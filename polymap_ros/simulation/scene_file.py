@@ -18,7 +18,8 @@ beyond the outline or into a hole: it ends where it meets them. `edges` and `hei
 walls, nor does a recorded way with holes.
 
 What device and odometry do wrong is in `faults`, with the fields of `Faults`; what edges do to the phase in `edges`,
-with those of `Edges`; a room's floor and ceiling in `height`, with those of `Height`.
+with those of `Edges`; a room's floor and ceiling in `height`, with those of `Height`. With ``edge_fading: fresnel``
+echoes fade over a Fresnel zone at the ends of walls, and corners diffract.
 """
 
 import dataclasses
@@ -137,7 +138,7 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
             values[key] = _array(document[key], key)
         elif key in _INSIDE:
             values[key] = _inside(document[key], key)
-        elif key == 'name' or (key == 'snr_db' and document[key] is None):
+        elif key in ('name', 'edge_fading') or (key == 'snr_db' and document[key] is None):
             values[key] = document[key]
         else:
             values[key] = _number(document, key)

@@ -35,6 +35,9 @@ _BOUNDS = {
     'position_noise_m': (0.0, 1e6), 't0_s': (-100.0, 100.0), 'snr_db': (-300.0, 300.0)}
 """Beyond these the samples would be no numbers, the stamps none of ROS, or the work without end."""
 
+EDGE_FADINGS = 'none', 'fresnel'
+"""What echoes may do at the ends of walls."""
+
 _ROUNDING_M = 1e-9
 """How far outside a foot may be by rounding [m]."""
 
@@ -62,6 +65,10 @@ class Scene:
         What device and odometry do wrong.
     edges : Edges
         What a reflection does to the phase.
+    edge_fading : str
+        What echoes do at the ends of walls: none, they end at once, as image sources do; fresnel, they fade over a
+        Fresnel zone, and corners echo, by the uniform theory of diffraction at the pulse's frequency. Not at the ends
+        of inner walls.
     height : Height
         Floor and ceiling, of a room.
     holes : sequence of Hole, or of array_like, shape (k, 2)
@@ -117,6 +124,7 @@ class Scene:
     told_medium: MediumParameters | None = None
     faults: Faults = field(default_factory=Faults)
     edges: Edges = field(default_factory=Edges)
+    edge_fading: str = 'none'
     height: Height = field(default_factory=Height)
     holes: tuple[Hole, ...] = ()
     inner_walls: tuple[Partition, ...] = ()
@@ -150,6 +158,10 @@ class Scene:
                 check_bounds(name, getattr(self, name))
         if self.height != Height() and self.medium.model != 'constant':
             raise SceneError('height is that of a room; a plate has none: set medium.model to constant')
+        if self.edge_fading not in EDGE_FADINGS:
+            raise SceneError(f'edge_fading must be {" or ".join(EDGE_FADINGS)}, found {self.edge_fading!r}')
+        if self.edge_fading != 'none' and (self.edges != Edges() or self.height != Height()):
+            raise SceneError('edge_fading does not go with edges or height; leave out one of them')
         self._check_inside()
         self._check_size()
 

@@ -1,5 +1,6 @@
 """Random shapes that are not just convex, with a random path that hears all of their walls."""
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,8 +14,16 @@ from polymap_ros.simulation.reflectors import heard_images
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free
+from polymap_ros.simulation.waves import wave_echoes
 
 Points = NDArray[np.float64]
+
+ECHOES = {
+    'images': 'image sources up to the fifth order, which end at once at the ends of walls',
+    'fresnel': 'the same, faded over a Fresnel zone, and corners that diffract, by the uniform theory of diffraction',
+    'waves': 'the wave equation, of all orders and without loss, some minutes a scene; not with inner walls',
+}
+"""What a scene's echoes may be."""
 
 _PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
 _FEET, _LEAST_EDGE_M = 6, 0.24
@@ -85,18 +94,21 @@ def _way(pings: int, corners: Points, inside: Inside, generator: np.random.Gener
         return None
 
 
-def clean_echoes(scene: Scene) -> Points:
+def clean_echoes(scene: Scene, echoes: str = 'images') -> Points:
     """Return what a scene's pings hear, without noise (T, n_samples), of every sequence of its walls.
 
-    That is another tracer than the mapper's, by which `noise_free` goes where nothing is inside the outline.
+    That is another tracer than the mapper's, by which `noise_free` goes where nothing is inside the outline. `echoes`,
+    of `ECHOES`, says whether to add what corners return (`diffraction`), or to solve the wave equation (`waves`).
     """
+    if echoes == 'waves':
+        return wave_echoes(scene)
     walls = scene.reflectors
 
     def heard(position: Points) -> tuple[Points, Points]:
         images, amplitude = heard_images(walls, position, scene.order)
         return np.linalg.norm(images - position, axis=1), amplitude
 
-    return noise_free(scene, heard)
+    return noise_free(dataclasses.replace(scene, edge_fading='none' if echoes == 'images' else echoes), heard)
 
 
 def l_shape(generator: np.random.Generator) -> Points:
@@ -179,5 +191,6 @@ SHAPE_KINDS = {
     'two_holes': ShapeKind('plate with two rectangular holes', plate, rectangles(2), 90),
     'stiffener': ShapeKind('plate with a stiffener', plate, inner_wall(0.5, 0.8)),
     'seam': ShapeKind('plate with a weld seam', plate, inner_wall(1.0, 1.0)),
+    'convex': ShapeKind('convex plate', plate),
 }
 """By name."""

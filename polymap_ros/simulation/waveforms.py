@@ -1,6 +1,6 @@
 """Eq. (1): the samples that a scene's pings receive, synthesised in the frequency domain."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -12,8 +12,9 @@ from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
 from polymap_ros.geometry.image_sources import Images, visible_images
 from polymap_ros.jit import kernel
+from polymap_ros.simulation.diffraction import diffracted, diffracting_corners
 from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
-from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, first_echo_faults, ringing
+from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, Paths, first_echo_faults, ringing
 from polymap_ros.simulation.interference import INTERFERENCE_STREAM, interference
 from polymap_ros.simulation.reflectors import heard_images
 from polymap_ros.simulation.scene_file import load_scene
@@ -72,8 +73,10 @@ def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
 
     `heard` takes the place of the scene's walls, and of the distance between emitter and receiver.
     """
-    paths = [heard(position) for position in scene.positions] if heard else _heard(scene)
     medium = make_medium(scene.medium)
+    paths = [heard(position) for position in scene.positions] if heard else _heard(scene)
+    if scene.edge_fading == 'fresnel':
+        paths = _with_diffracted(scene, medium, paths)
     paths = first_echo_faults(scene.faults, scene.generator(FIRST_STREAM), paths, medium.spreading)
     clean = _synthesised(scene, medium, paths)
     if scene.faults.second_mode:
@@ -82,7 +85,7 @@ def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
     return clean
 
 
-def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def _heard(scene: Scene) -> Paths:
     """Lengths and amplitudes of the paths from the emitter over the walls to the receiver, nearest first."""
     if scene.has_inside:
         return _heard_among_all(scene)
@@ -97,13 +100,28 @@ def _heard(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]
     return paths
 
 
-def _heard_among_all(scene: Scene) -> list[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+def _heard_among_all(scene: Scene) -> Paths:
     """As `_heard`, of every sequence of the outline's, the holes' and the inner walls: by another tracer."""
     walls, paths = scene.reflectors, []
     for emitter, receiver in zip(*scene.ends, strict=True):
         images, amplitude = heard_images(walls, emitter, scene.order, receiver)
         paths.append((np.hypot(np.linalg.norm(images - receiver, axis=1), scene.sensor.baseline_z_m), amplitude))
     return paths
+
+
+def _with_diffracted(scene: Scene, medium: Medium, paths: Paths) -> Paths:
+    """Add the paths over corners to those of each ping."""
+    wavenumber = float(medium.wavenumber(2.0 * np.pi * scene.pulse.frequency_hz))
+    walls, corners = scene.reflectors, diffracting_corners(scene.vertices, np.asarray(scene.reflection))
+    for hole in scene.holes:
+        corners += diffracting_corners(hole.vertices, np.asarray(hole.reflection))
+    together = []
+    for emitter, receiver, (lengths, amplitudes) in zip(*scene.ends, paths, strict=True):
+        more, over_corners = diffracted(corners, walls, emitter, receiver, scene.order, wavenumber)
+        lengths = np.append(lengths, np.hypot(more, scene.sensor.baseline_z_m))
+        nearest = np.argsort(lengths, kind='stable')
+        together.append((lengths[nearest], np.append(amplitudes, over_corners)[nearest]))
+    return together
 
 
 def _over_floor_and_ceiling(
@@ -122,9 +140,7 @@ def _over_floor_and_ceiling(
     return length[nearest], np.concatenate(amplitudes)[nearest]
 
 
-def _synthesised(
-    scene: Scene, medium: Medium, paths: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]]
-) -> NDArray[np.float64]:
+def _synthesised(scene: Scene, medium: Medium, paths: Paths) -> NDArray[np.float64]:
     synthesis = Synthesis(medium, emitted(scene), scene.n_samples, scene.period_s, scene.t0_s)
     return np.array([synthesis(*path) for path in paths])
 

@@ -105,6 +105,13 @@ class EchoData:
         power = gaussian_filter1d(self.power, by_m / self.cell_m, axis=1, mode='nearest')
         return dataclasses.replace(self, power=power, pulse=self.pulse.blurred(by_m))
 
+    def up_to(self, range_m: float) -> 'EchoData':
+        """Return the same up to a range [m]; all where that is beyond it, or before half a dozen pulses."""
+        if not 6.0 * self.pulse.width_m < range_m < self.range_max_m:
+            return self
+        power = np.ascontiguousarray(self.power[:, :int(range_m / self.cell_m) + 1])
+        return dataclasses.replace(self, power=power, range_max_m=range_m)
+
     def without_phase(self) -> 'EchoData':
         """Return the same with power alone, of which copies for many places are small."""
         return dataclasses.replace(self, signal=np.empty((len(self.signal), 0), np.complex64))

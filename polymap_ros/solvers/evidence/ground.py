@@ -59,6 +59,9 @@ class Ground:
         Those of one ping of `share`.
     nothing : Power
         No walls, but floor and ceiling where they are known.
+    approximate : bool
+        Whether a part of the echoes was taken out that follows from the walls but for a little: then an edge that is
+        not there may put that right, and each has to bring enough to be sure.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class Ground:
         self.power, self.few = PowerLikelihood(data), PowerLikelihood(few)
         self.wave, self.few_wave = WaveformLikelihood(data), WaveformLikelihood(few)
         self.nothing = self.power.initial(0.0)
+        self.approximate = False
 
     def between(self, storey: Storey, strength: float) -> Self:
         """Return the same between floor and ceiling, at a strength of the echoes that was found with them."""
@@ -141,9 +145,9 @@ class Ground:
         """Return the log likelihood less the edges' price; of two that are one wall, the second has to bring enough to
         be sure.
         """
-        lines = wave.walls.lines
+        lines, price = wave.walls.lines, least_gain(wave.value)
         twins = sum(self.one_of(line, lines[:wall]) for wall, line in enumerate(lines))
-        return wave.value - PRICE * (len(lines) - twins) - least_gain(wave.value) * twins
+        return wave.value - (price if self.approximate else PRICE) * (len(lines) - twins) - price * twins
 
     def one_of(self, line: NDArray[np.float64], known: NDArray[np.float64] | list[NDArray[np.float64]]) -> bool:
         """Return whether no ping's distance from a line is a pulse's width other than from one that is known."""

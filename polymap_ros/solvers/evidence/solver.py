@@ -15,6 +15,8 @@ from polymap_ros.solvers.estimate import Estimate
 from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard
 from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.drift import Follower, begun
+from polymap_ros.solvers.evidence.horizon import up_to_sides
+from polymap_ros.solvers.evidence.imaged import imaged
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
@@ -133,15 +135,15 @@ class EvidenceSolver:
         heard, apart = evidence.all_places.count, _apart(evidence)
         in_vain = apart or misheard(evidence)
         enough = EXPLAINED + _CLEARLY - reported.uncertainty / 3.0
-        track = None
+        track, plain = None, None  # the best outline by all that was heard
         if self._drift.on:
             self._last = self._last or self._drift.found(reported, chain)
             track = self._drift.again(reported, chain, self._last)
-        search, best = reported, self._last
+        search, best = reported, None
         if track is not None:
             search, best = track.search, track.found
-        elif best is not None:
-            best = reported.again(best)
+        elif self._last is not None and (plain := reported.again(self._last)) is not None:
+            search, best = imaged(reported, plain, enough)
         if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best, track
         self._searched = heard
@@ -149,23 +151,26 @@ class EvidenceSolver:
         founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
         tried = -np.inf  # what the outline was worth in which inner walls were looked for
         for number, found in enumerate(founds, 1):
-            if found is not None and (best is None or found.value > best.value):
-                search, best = reported, found
-            if found is not None and found is best and found.value > tried + ANOTHER_POLYGON:
-                tried = found.value
-                best = self._with_inner_walls(reported, best)
+            better = found is not None and (plain is None or found.value > plain.value)
+            if found is not None and better:
+                plain = found
+                search, best = imaged(reported, found, enough)
+                if found.value > tried + ANOTHER_POLYGON:
+                    tried = found.value
+                    search, best = self._with_inner_walls(search, best, enough)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
-                ring = self._ring(reported, best, enough)
+                ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
-                    return reported, ring, None
+                    return ringed, ring, None
                 self._unsure_ring = ring
-                tracked = self._tracked(reported, chain, best, enough)
+                tracked = self._tracked(reported, chain, plain, enough)
                 if tracked is not None:
                     search, best, track = tracked
+                    plain = best
                 elif _tells_more(ring, best):  # no convex one will do
                     return search, best, None
-            elif found is not None and found is best and number > _TRACKED_AFTER:
-                best = self._pierced(reported, best)
+            elif better and best is not None and number > _TRACKED_AFTER:
+                search, best = self._pierced(reported, plain or best, search, best, enough)
             if apart or _explains(reported, best, enough):
                 return search, best, track
         if best is not None and heard >= _SCAN_AGAIN * self._scanned:
@@ -177,16 +182,19 @@ class EvidenceSolver:
                 best = mended
         return search, best, track and best and track.with_found(best)
 
-    def _with_inner_walls(self, search: Search, found: Found) -> Found:
+    def _with_inner_walls(self, search: Search, found: Found, enough: float) -> tuple[Search, Found]:
         """The answer with walls that stand inside, where they explain what the outline leaves."""
         if found.explained > ALL_EXPLAINED or not self._beyond_convex(search):
-            return found
-        return _explaining(search, found, search.with_inner_walls(found))
+            return search, found
+        return _explaining(search, found, search, search.with_inner_walls(found), enough)
 
-    def _pierced(self, search: Search, found: Found) -> Found:
+    def _pierced(
+        self, reported: Search, plain: Found, search: Search, found: Found, enough: float
+    ) -> tuple[Search, Found]:
         """The answer with holes, where they explain what the outline leaves."""
-        hole = search.first_hole(found) if self._beyond_convex(search) else None
-        return found if hole is None else _explaining(search, found, search.pierced(hole))
+        hole = reported.first_hole(plain) if self._beyond_convex(reported) else None
+        return _explaining(search, found, reported, None if hole is None else reported.pierced(hole),
+                           enough)
 
     def _beyond_convex(self, search: Search) -> bool:
         """Whether outlines that are not convex, or have something inside, are asked for and can be found.
@@ -201,17 +209,25 @@ class EvidenceSolver:
         in_room = self._parameters.medium.model == 'constant' and reported.coherent
         return storey_heard(reported.data) if in_room else (Storey(), 0.0)
 
-    def _ring(self, reported: Search, convex: Found | None, enough: float) -> Found | None:
-        """The best outline that need not be convex, from the reported poses; None where there is none."""
-        best = None
+    def _ring(
+        self, reported: Search, convex: Found | None, enough: float, area_m2: float
+    ) -> tuple[Search, Found | None]:
+        """The best outline that need not be convex, from the reported poses, None where there is none, with the search
+        over what images can explain.
+        """
+        search, best, worth = reported, None, -np.inf
         if not self._beyond_convex(reported):
-            return None
-        for ring in reported.not_convex(convex):
-            if best is None or ring.value > best.value:
-                best = ring
+            return search, best
+        heard = reported.over(up_to_sides(reported.data, area_m2))
+        if convex is not None and heard.data is not reported.data:
+            convex = heard.again(convex)
+        for ring in heard.not_convex(convex):
+            if ring.value > worth:
+                worth = ring.value
+                search, best = imaged(heard, ring, enough)
             if _explains(reported, best, enough):
                 break
-        return best
+        return search, best
 
     def _tracked(
         self, reported: Search, chain: Chain, found: Found | None, enough: float
@@ -268,9 +284,15 @@ def _explains(search: Search, found: Found | None, enough: float) -> bool:
         found.wave is not None or not search.coherent)
 
 
-def _explaining(search: Search, found: Found, other: Found | None) -> Found:
-    """What was found, or another that explains the echoes."""
-    return other if other is not None and _explains(search, other, EXPLAINED - search.uncertainty) else found
+def _explaining(
+    search: Search, found: Found, other_search: Search, other: Found | None, enough: float
+) -> tuple[Search, Found]:
+    """What was found, or another, if that explains the echoes, each with the search over what images can explain."""
+    if other is not None:
+        other_search, other = imaged(other_search, other, enough)
+        if _explains(other_search, other, EXPLAINED - other_search.uncertainty):
+            return other_search, other
+    return search, found
 
 
 def _tells_more(ring: Found | None, convex: Found | None) -> bool:

@@ -81,6 +81,18 @@ that were settled, those that came right explained 0.65 and more to begin with. 
 0.60 and more (eight outlines) and outlines with holes 0.73 and more (eight plates), under odometry that drifts 0.14 to
 0.43 (six plates, all of even seeds)."""
 
+CORNERS_FROM = 0.5
+"""Share of the echoes' power that walls explain from which it is asked what their corners return: there is nothing to
+ask of walls that are not there."""
+
+CORNER_ROUNDS = 2
+"""How often what corners return is taken out, each time as the walls then stand: after the first time walls move by
+hundredths of a millimetre."""
+
+HORIZON_HOLDS = 0.25
+"""Share of the echoes' power that has to be nearer than paths of more reflections than the waveform has: in plates that
+reflect everything it was 0.4 to 0.5 (three, by the wave equation)."""
+
 HEARD_THROUGH = 0.5
 """Share of the echoes' power that an outline explains in which an inner wall lets waves through: with one that reflects
 0.2 to 0.6 of the amplitude it is 0.52 to 0.92 (six plates, even seeds); with a hole, 0.23 to 0.37."""

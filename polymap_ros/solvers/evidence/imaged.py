@@ -1,0 +1,43 @@
+"""What image sources can explain of the echoes: not what corners return, nor what comes after all the orders they have.
+
+Where walls explain much of the echoes and not all, the rest may be what walls do beside reflecting. What their corners
+return follows from the walls, and is taken out; paths of more reflections than the waveform has begin at a range which
+follows from them, too, and what comes later is not listened to. Where that leaves clearly less, it is what was missing.
+"""
+
+from polymap_ros.solvers.evidence.corner_echoes import without_corner_echoes
+from polymap_ros.solvers.evidence.horizon import up_to_horizon
+from polymap_ros.solvers.evidence.search import Found, Search
+from polymap_ros.solvers.evidence.tuning import CORNER_ROUNDS, CORNERS_FROM, HORIZON_HOLDS, STILL_LEFT
+
+
+def imaged(search: Search, found: Found, enough: float) -> tuple[Search, Found]:
+    """Return the search over what images can explain, and the answer there; both as they are where that is no more.
+
+    Nothing is done where the answer explains `enough`, or so little that its corners are not worth asking.
+    """
+    if found.wave is None or len(found.storey) or not CORNERS_FROM < found.explained < enough:
+        return search, found
+    other, better = _without_corners(search, found)
+    if better is None or better.explained < enough:
+        near = search.over(up_to_horizon(search.data, found.walls))
+        if near.data.excess > HORIZON_HOLDS * search.data.excess:
+            other, better = _without_corners(near, found)
+    if better is None or 1.0 - better.explained > STILL_LEFT * (1.0 - found.explained):
+        return search, found
+    return other, better
+
+
+def _without_corners(search: Search, found: Found) -> tuple[Search, Found | None]:
+    """Return the search over what corners do not return, by the walls found and then by the better ones."""
+    other, better = search, found
+    for _ in range(CORNER_ROUNDS):
+        assert better.wave is not None, 'is refined by the waveform'
+        other = search.over(without_corner_echoes(search.data, better.wave))
+        other.approximate = True
+        again = other.again(better)
+        if again is None or again.wave is None:
+            return other, None
+        better = again
+    assert better.wave is not None, 'is refined by the waveform'
+    return other, other.changed(better.power, better.wave)
