@@ -27,6 +27,7 @@ from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene, clearance
 from polymap_ros.simulation.waveforms import noise_free, pings
+from polymap_ros.simulation.waves import wave_echoes
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
@@ -366,6 +367,33 @@ def drift() -> Figure:
     return figure
 
 
+def corners() -> Figure:
+    """What a ping hears round an L's inner corner: by the wave equation, by images, and with what corners return."""
+    outline = 0.6 * np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5], [0.45, 0.5], [0.45, 1.1], [0.0, 1.1]])
+    place = 0.6 * np.array([0.43, 0.28])
+    scene = Scene(name='corner', vertices=outline, poses=np.array([[*place, 0.0]]), n_samples=640)
+    waves, plain, faded = wave_echoes(scene)[0], noise_free(scene)[0], noise_free(
+        dataclasses.replace(scene, edge_fading='fresnel'))[0]
+    time_us = 1e6 * scene.period_s * np.arange(scene.n_samples)
+    figure, (room, echoes) = figure_of(1, 2, (7.2, 2.6), width_ratios=(1, 3))
+    room.plot(*closed(outline).T, color='black')
+    room.plot(*place, 'o', color=HEARD, ms=4)
+    room.set(aspect='equal', xticks=[], yticks=[])
+    room.axis('off')
+    loud = np.abs(waves).max()
+    curves = (('wave equation', waves, 'black'), ('images to order 5', plain, TRUTH),
+              ('with what corners return', faded, FOUND))
+    for shift, (name, samples, color) in enumerate(curves):
+        left = np.sum((samples - waves) ** 2) / np.sum(waves**2)
+        echoes.plot(time_us, samples / loud - 1.5 * shift, color=color, linewidth=0.8, label=name)
+        if shift:
+            echoes.plot(time_us, (samples - waves) / loud - 1.5 * shift, color=GREY, linewidth=0.6)
+            print(f'corners: {name} leaves {left:.3f} of the power')
+    echoes.set(xlabel='time after emission [us]', yticks=[], xlim=(80.0, 640.0), ylim=(-4.2, 2.2))
+    echoes.legend(loc='upper right', ncols=3)
+    return figure
+
+
 def mirrored(point: NDArray[np.float64], line: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a point's image in a line."""
     normal = np.array((np.cos(line[1]), np.sin(line[1])))
@@ -392,7 +420,7 @@ def figure_of(rows: int, columns: int, size: tuple[float, float], **options: obj
 
 FIGURES: dict[str, Callable[[], Figure]] = {
     'ping': ping, 'map': beamforming, 'images': images, 'published': published, 'power': power, 'waveform': waveform,
-    'cycles': cycles, 'search': search, 'drift': drift,
+    'cycles': cycles, 'search': search, 'drift': drift, 'corners': corners,
 }
 
 if __name__ == '__main__':

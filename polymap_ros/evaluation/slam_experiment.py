@@ -57,6 +57,8 @@ CASES = {
     'pings_30': DriftCase('typical, 30 pings', _with(_of_pings(30), drift='typical')),
     'pings_200': DriftCase('typical, 200 pings', _with(_of_pings(200), drift='typical')),
     'pings_1000': DriftCase('typical, 1,000 pings', _with(_of_pings(1000), drift='typical')),
+    'edge_fading': DriftCase('typical, echoes that fade at the ends of walls, and corners that diffract',
+                             _with(VARIANTS['edge_fading'].make, drift='typical')),
     'lossy': DriftCase('typical, reflection coefficients of 0.5 to 1 and random sign per edge',
                        _with(VARIANTS['lossy'].make, drift='typical')),
     'gain': DriftCase('typical, gain of the echoes varying by 6 dB', _with(VARIANTS['gain'].make, drift='typical')),

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
 from polymap_ros.geometry.pose import FARTHEST_M
+from polymap_ros.solvers.evidence.imaged import imaged_track
 from polymap_ros.solvers.evidence.odometry import SLIP
 from polymap_ros.solvers.evidence.rejoining import behind, rejoined
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -199,7 +200,9 @@ def _extended(search: Search, chain: Chain, window: Track) -> Track | None:
         return None
     first = 0 if until == count else track.pings[0]
     track = mended(search, chain, track, np.setdiff1d(np.arange(first, until), track.pings))
-    return None if _slips(track, chain) > 1 + _SLIPS_AT_MOST * count else track
+    if _slips(track, chain) > 1 + _SLIPS_AT_MOST * count:
+        return None
+    return imaged_track(search, chain, track, EXPLAINED - search.uncertainty)
 
 
 def _without_slips(track: Track, chain: Chain) -> Track:

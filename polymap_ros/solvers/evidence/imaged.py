@@ -5,9 +5,12 @@ return follows from the walls, and is taken out; paths of more reflections than 
 follows from them, too, and what comes later is not listened to. Where that leaves clearly less, it is what was missing.
 """
 
+import dataclasses
+
 from polymap_ros.solvers.evidence.corner_echoes import without_corner_echoes
 from polymap_ros.solvers.evidence.horizon import up_to_horizon
 from polymap_ros.solvers.evidence.search import Found, Search
+from polymap_ros.solvers.evidence.tracking import Chain, Track, improved_track
 from polymap_ros.solvers.evidence.tuning import CORNER_ROUNDS, CORNERS_FROM, HORIZON_HOLDS, STILL_LEFT
 
 
@@ -23,9 +26,33 @@ def imaged(search: Search, found: Found, enough: float) -> tuple[Search, Found]:
         near = search.over(up_to_horizon(search.data, found.walls))
         if near.data.excess > HORIZON_HOLDS * search.data.excess:
             other, better = _without_corners(near, found)
-    if better is None or 1.0 - better.explained > STILL_LEFT * (1.0 - found.explained):
-        return search, found
-    return other, better
+    return (other, better) if better is not None and _clearly_more(better, found) else (search, found)
+
+
+def imaged_track(search: Search, chain: Chain, track: Track, enough: float) -> Track:
+    """Return a track of what corners do not return, walls and poses refined; as it is where that is no more.
+
+    The search is over all pings, where they were reported.
+    """
+    if track.found.wave is None or len(track.found.storey) or not CORNERS_FROM < track.found.explained < enough:
+        return track
+    better = track
+    for _ in range(CORNER_ROUNDS):
+        assert better.found.wave is not None, 'is refined by the waveform'
+        heard = without_corner_echoes(search.data.chosen(track.pings).at(better.poses), better.found.wave)
+        signal, power = search.data.signal.copy(), search.data.power.copy()
+        signal[track.pings], power[track.pings] = heard.signal, heard.power
+        other = search.over(dataclasses.replace(search.data, signal=signal, power=power))
+        other.approximate = True
+        again = improved_track(other, chain, better)
+        if again is better or again.found.wave is None:
+            return track
+        better = again
+    return better if _clearly_more(better.found, track.found) else track
+
+
+def _clearly_more(found: Found, other: Found) -> bool:
+    return 1.0 - found.explained < STILL_LEFT * (1.0 - other.explained)
 
 
 def _without_corners(search: Search, found: Found) -> tuple[Search, Found | None]:

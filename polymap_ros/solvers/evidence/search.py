@@ -40,6 +40,7 @@ from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     ANOTHER_POLYGON,
     COHERENT,
+    CORNERS_FROM,
     EXPLAINED,
     FULL_ORDER,
     HOLE_WORTH,
@@ -138,6 +139,7 @@ class Search(Ground):
     def over(self, data: EchoData) -> 'Search':
         """Return the same search over other data."""
         other = Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint, self.edges)
+        other.approximate = self.approximate
         return other.between(self.nothing.storey, self.nothing.strength) if len(self.nothing.storey) else other
 
     def polygons(self, storey: Storey | None = None, strength: float = 0.0) -> Iterator[Found | None]:
@@ -168,14 +170,21 @@ class Search(Ground):
         starts, pool = ring_starts(self)
         worth = starts[0].value - nothing if starts else -np.inf
         if hole is not None and hole.value - nothing > HOLE_WORTH * worth:
-            pierced, hole = self.pierced(hole), None
-            if pierced is not None:
-                yield pierced
+            yield from self.settling(self.with_holes(hole))
+            hole = None
         if worth > RING_WORTH * ((fitted.value if fitted else nothing) - nothing) and not self._hopeless(starts[0]):
             yield from self._rings(starts, pool)
-        pierced = self.pierced(hole) if hole else None
-        if pierced is not None:
-            yield pierced
+        if hole is not None:
+            yield from self.settling(self.with_holes(hole))
+
+    def settling(self, power: Power) -> Iterator[Found]:
+        """Give walls before moves, in vain if corners return the rest, where much is left in phase, and then settled."""
+        refined = self.power.refine(power.walls, power, FULL_ORDER, 6)
+        aligned = None if refined is None else self.judge(refined)
+        if aligned is not None and CORNERS_FROM < aligned.explained < EXPLAINED:
+            yield aligned
+        if (settled := self.settle(power)) is not None:
+            yield settled
 
     def _rings(self, starts: Sequence[Power], pool: NDArray[np.float64]) -> Iterator[Found]:
         """Give what rings lead to with lines of a pool: as soon as one explains much, and in the end."""
@@ -187,14 +196,12 @@ class Search(Ground):
             if start is not starts[-1] and (judged is None or judged.explained < RING_EXPLAINED):
                 continue
             best = max(rings, key=lambda each: each.value - PRICE * len(each.walls))
-            found = self.settle(best)
-            if found is None:
-                continue
-            yield found
-            # What the waveform has moved and dropped, power may change further.
-            found = self.settle(improved_ring(self, found.power, pool))
-            if found is not None:
+            found = None
+            for found in self.settling(best):
                 yield found
+            # What the waveform has moved and dropped, power may change further.
+            if found and (again := self.settle(improved_ring(self, found.power, pool))) is not None:
+                yield again
 
     def first_hole(self, found: Found) -> Power | None:
         """Return an outline with the hole that is worth most by power, where it is worth clearly more than without."""
@@ -206,8 +213,8 @@ class Search(Ground):
         nothing = self.nothing.value
         return more if more.value - nothing > HOLE_WORTH * (fitted.value - nothing) else None
 
-    def pierced(self, power: Power) -> Found | None:
-        """Return what an outline with a hole leads to, with further ones as long as they are worth clearly more."""
+    def with_holes(self, power: Power) -> Power:
+        """Return an outline with a hole and with further ones, as long as they are worth clearly more."""
         nothing = self.nothing.value
         for count in range(1, HOLES + 1):
             # Without a hole, its echoes may have bent the outline.
@@ -220,7 +227,7 @@ class Search(Ground):
             if more is None or more.value - nothing < RING_WORTH * (power.value - nothing):
                 break
             power = more
-        return self.settle(power)
+        return power
 
     def by_power(self, start: Start) -> Power:
         """Improve a start by single changes, by echoes of two orders, then of three."""

@@ -16,7 +16,7 @@ from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard
 from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.drift import Follower, begun
 from polymap_ros.solvers.evidence.horizon import up_to_sides
-from polymap_ros.solvers.evidence.imaged import imaged
+from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
@@ -141,6 +141,7 @@ class EvidenceSolver:
             track = self._drift.again(reported, chain, self._last)
         search, best = reported, None
         if track is not None:
+            track = imaged_track(reported, chain, track, enough)
             search, best = track.search, track.found
         elif self._last is not None and (plain := reported.again(self._last)) is not None:
             search, best = imaged(reported, plain, enough)
@@ -193,8 +194,9 @@ class EvidenceSolver:
     ) -> tuple[Search, Found]:
         """The answer with holes, where they explain what the outline leaves."""
         hole = reported.first_hole(plain) if self._beyond_convex(reported) else None
-        return _explaining(search, found, reported, None if hole is None else reported.pierced(hole),
-                           enough)
+        if hole is None:
+            return search, found
+        return _explaining(search, found, reported, reported.settle(reported.with_holes(hole)), enough)
 
     def _beyond_convex(self, search: Search) -> bool:
         """Whether outlines that are not convex, or have something inside, are asked for and can be found.
@@ -240,7 +242,7 @@ class EvidenceSolver:
             reported = reported.between(*self._storey(reported))
         track = begun(reported, chain, found)
         if track is not None and self._beyond_convex(reported):
-            track = with_inner_walls(reported, chain, track)
+            track = with_inner_walls(reported, chain, imaged_track(reported, chain, track, enough))
         self._untracked = track is None
         if track is None or (found is not None and track.found.explained < found.explained + _MORE):
             return None

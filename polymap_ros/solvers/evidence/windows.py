@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.imaged import imaged_track
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
@@ -159,7 +160,7 @@ def in_phase(search: Search, chain: Chain, track: Track, widest_m: float = 0.0) 
     found = settled if settled.wave is not None else track.search.judge(settled.power)
     better = None if found is None else refined(search, chain, found, track.pings, track.poses)
     if better is not None and better.found.explained < SETTLED:  # power may leave a pose a cycle off
-        better = mended(search, chain, better, track.pings, widest_m)
+        better = imaged_track(search, chain, mended(search, chain, better, track.pings, widest_m), SETTLED)
     if better is None or better.found.wave is None or better.found.explained < SETTLED - search.uncertainty:
         return None
     return better
