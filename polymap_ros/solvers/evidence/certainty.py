@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from polymap_ros.solvers.evidence.ground import least_gain
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -50,7 +49,7 @@ def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] |
 
     `with_poses` is the covariance (2 n, 2 n) of the lines where the poses are estimated, too.
     """
-    price = least_gain(found.value + PRICE * len(found.walls))
+    price = search.least_gain(found.value + PRICE * len(found.walls))
     few = found.wave and search.few_wave.evaluate(found.wave.walls, found.wave, FULL_ORDER)
     losses = np.empty(len(found.walls))
     bounding = np.zeros(len(found.walls), np.bool_)

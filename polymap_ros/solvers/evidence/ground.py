@@ -25,6 +25,7 @@ from polymap_ros.solvers.evidence.tuning import (
     FULL_ORDER,
     MISFIT,
     PRICE,
+    ROUGHER,
     SEARCH_ORDER,
 )
 from polymap_ros.solvers.evidence.walls import Walls
@@ -141,11 +142,15 @@ class Ground:
         best = best and replace(best, edge=edge, slopes=None)
         return best and self.wave.refine(best, FULL_ORDER)
 
+    def least_gain(self, value: float) -> float:
+        """Return the nats that an edge has to bring to be sure, where all are worth so many."""
+        return max(PRICE, (ROUGHER if self.approximate else MISFIT) * value)
+
     def worth(self, wave: Wave) -> float:
         """Return the log likelihood less the edges' price; of two that are one wall, the second has to bring enough to
         be sure.
         """
-        lines, price = wave.walls.lines, least_gain(wave.value)
+        lines, price = wave.walls.lines, self.least_gain(wave.value)
         twins = sum(self.one_of(line, lines[:wall]) for wall, line in enumerate(lines))
         return wave.value - (price if self.approximate else PRICE) * (len(lines) - twins) - price * twins
 
@@ -178,8 +183,3 @@ class Ground:
 
 def _taken_away(data: EchoData, left: NDArray[np.float64]) -> float:
     return 1.0 - float(np.sum(left[:, data.first_cell:] - 1.0)) / data.excess
-
-
-def least_gain(value: float) -> float:
-    """Return the nats that an edge has to bring to be sure, where all are worth so many."""
-    return max(PRICE, MISFIT * value)

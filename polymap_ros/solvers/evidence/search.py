@@ -178,7 +178,7 @@ class Search(Ground):
             yield from self.settling(self.with_holes(hole))
 
     def settling(self, power: Power) -> Iterator[Found]:
-        """Give walls before moves, in vain if corners return the rest, where much is left in phase, and then settled."""
+        """Give walls in phase before moves, which are in vain if corners return the rest, and as they are settled."""
         refined = self.power.refine(power.walls, power, FULL_ORDER, 6)
         aligned = None if refined is None else self.judge(refined)
         if aligned is not None and CORNERS_FROM < aligned.explained < EXPLAINED:

@@ -12,7 +12,6 @@ from polymap_ros.geometry.pose import Pose
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.certainty import certainty_of
-from polymap_ros.solvers.evidence.ground import least_gain
 from polymap_ros.solvers.evidence.likelihood import information_of
 from polymap_ros.solvers.evidence.proposals import corner_cuts
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
@@ -50,7 +49,7 @@ def test_a_wall_in_two_halves_that_turn_a_little_could_go_without_either(in_pent
     walls = Walls.convex(lines, np.insert(right.walls.reflection, 2, right.walls.reflection[2]))
     halves = search.wave.evaluate(walls, right.wave, 5, derive=True)
     lost = [halves.value - search.wave.evaluate(walls.without(half), halves, 5).value for half in (2, 3)]
-    assert min(lost) > least_gain(halves.value)
+    assert min(lost) > search.least_gain(halves.value)
     found = Found(right.power.with_walls(walls), halves, right.explained, halves.value - 6.0 * PRICE)
     likelihood = certainty_of(search, found).likelihood
     halved = np.isin(np.arange(6), (2, 3))

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.outline import corners_of
-from polymap_ros.solvers.evidence.ground import Ground, least_gain
+from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.exchange import with_line
 from polymap_ros.solvers.evidence.moves.residual import base_of
 from polymap_ros.solvers.evidence.moves.standing import Standing
@@ -35,7 +35,7 @@ def cut_corner(ground: Ground, standing: Standing) -> Wave | None:
     ground.checkpoint()
     cuts = [slid(ground, wave, np.array(line)) for _, *line in sorted(trials, reverse=True)[:CUTS]]
     ground.checkpoint()
-    best, least = None, wave.value + least_gain(wave.value)
+    best, least = None, wave.value + ground.least_gain(wave.value)
     for cut in sorted((cut for cut in cuts if cut is not None), key=lambda each: -each.value)[:REFINED]:
         refined = ground.wave.refine(cut, FULL_ORDER)
         ground.checkpoint()

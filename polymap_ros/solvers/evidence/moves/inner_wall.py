@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import first_order
 from polymap_ros.jit import kernel
-from polymap_ros.solvers.evidence.ground import Ground, least_gain
+from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, HEARD_THROUGH, INNER_WALLS, PHASED, SEARCH_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
@@ -60,7 +60,7 @@ def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
     for trial in sorted(trials, key=lambda each: -each.value)[:_TUNED]:
         ground.checkpoint()
         found = tuned(ground, trial)
-        if found is not None and found.value > wave.value + least_gain(wave.value) and found.walls.let_through:
+        if found is not None and found.value > wave.value + ground.least_gain(wave.value) and found.walls.let_through:
             return found
     return None
 

@@ -31,7 +31,7 @@ def merge_walls(ground: Ground, standing: Standing) -> Wave | None:
 
 
 def _best(ground: Ground, wave: Wave, trials: list[Walls], obvious: float = OBVIOUS) -> Wave | None:
-    best = None
+    best, obvious = None, max(obvious, ground.least_gain(wave.value)) if ground.approximate else obvious
     for trial in trials:
         fewer = ground.wave.evaluate(trial, wave, FULL_ORDER)
         if fewer is None or fewer.value + PRICE * (len(wave.walls) - len(trial)) < wave.value - obvious:
