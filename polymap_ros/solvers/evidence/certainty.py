@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from polymap_ros.solvers.evidence.corner_slopes import corner_slopes
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -120,10 +121,13 @@ def _covariance(search: Search, found: Found) -> NDArray[np.float64]:
     assert support is not None, 'the walls bound a polygon'
     assert support.slopes is not None, 'a waveform that was refined has them'
     information, scores = information_of(support), support.slopes.scores
-    inverse = covariance_of(information)
+    inverse = by_scores = covariance_of(information)
+    if search.whole is not None and found.wave is not None:
+        by_scores = np.asarray(np.linalg.inv(information - corner_slopes(search.whole, found.wave, information)))
+        inverse = by_scores @ information @ by_scores.T
     centred = scores - scores.mean(axis=0)
     pings = len(scores)
-    spread = inverse @ (centred.T @ centred) @ inverse * (pings / max(pings - 3, 1))
+    spread = by_scores @ (centred.T @ centred) @ by_scores.T * (pings / max(pings - 3, 1))
     plain, robust = Walls.of_lines(inverse), np.diag(Walls.of_lines(spread))
     factor = np.maximum(1.0, np.mean((robust / np.maximum(np.diag(plain), 1e-300)).reshape(-1, 2), axis=1))
     factor = np.repeat(np.sqrt(factor), 2)

@@ -63,6 +63,8 @@ class Ground:
     approximate : bool
         Whether a part of the echoes was taken out that follows from the walls but for a little: then an edge that is
         not there may put that right, and each has to bring enough to be sure.
+    whole : EchoData or None
+        The echoes with that part, where it has to be known for deviations.
     """
 
     def __init__(
@@ -78,6 +80,7 @@ class Ground:
         self.wave, self.few_wave = WaveformLikelihood(data), WaveformLikelihood(few)
         self.nothing = self.power.initial(0.0)
         self.approximate = False
+        self.whole: EchoData | None = None
 
     def between(self, storey: Storey, strength: float) -> Self:
         """Return the same between floor and ceiling, at a strength of the echoes that was found with them."""

@@ -67,4 +67,5 @@ def _without_corners(search: Search, found: Found) -> tuple[Search, Found | None
             return other, None
         better = again
     assert better.wave is not None, 'is refined by the waveform'
+    other.whole = search.data
     return other, other.changed(better.power, better.wave)

@@ -18,7 +18,9 @@ from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.shaped_scenes import clean_echoes, shaped_scene
 from polymap_ros.simulation.waveforms import noise_free, simulate
 from polymap_ros.solvers.evidence.corner_echoes import corner_echoes, without_corner_echoes
+from polymap_ros.solvers.evidence.corner_slopes import corner_slopes
 from polymap_ros.solvers.evidence.horizon import up_to_horizon
+from polymap_ros.solvers.evidence.likelihood import covariance_of, gradient_of, information_of
 from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.walls import Walls
 
@@ -63,6 +65,25 @@ def test_without_them_walls_explain_what_was_heard():
     rest = search.over(without_corner_echoes(search.data, wave))
     left = [1.0 - each.as_modelled(wave) for each in (search, rest)]
     assert left[1] < 0.2 * left[0]
+
+
+def test_walls_are_known_as_well_as_what_is_taken_out_with_them_leaves_them():
+    """The gradient changes as said where corners return what slightly other walls make, of all pings, not of half."""
+    search, wave = heard(skewed(edge_fading='fresnel'))
+    wave = search.over(without_corner_echoes(search.data, wave)).wave.refine(wave, 5)
+    information = information_of(wave)
+    found = corner_slopes(search.data, wave, information)
+    step = np.random.default_rng(1).normal(size=len(found)) * np.sqrt(np.diag(covariance_of(information)))
+    step[2 * len(wave.walls):] = 0.0
+    gradients = []
+    for sign in (1.0, -1.0):
+        moved = wave.with_walls(wave.walls.moved(sign * step))
+        rest = search.over(without_corner_echoes(search.data, moved))
+        gradients.append(gradient_of(rest.wave.evaluate(wave.walls, wave, 5, derive=True)))
+    scale = np.sqrt(np.diag(covariance_of(information)))
+    change, said = 0.5 * (gradients[0] - gradients[1]) * scale, found @ step * scale
+    assert np.linalg.norm(change) > 0.05
+    assert np.linalg.norm(said - change) < 0.5 * np.linalg.norm(change)
 
 
 def test_the_horizon_is_where_the_sixth_reflection_begins():
