@@ -13,6 +13,9 @@ from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tracking import Chain, Track, improved_track
 from polymap_ros.solvers.evidence.tuning import CORNER_ROUNDS, CORNERS_FROM, HORIZON_HOLDS, STILL_LEFT
 
+_EDGES_CHANGED = 2
+"""How often that is done at most: once more with other edges, where those found before had other corners."""
+
 
 def imaged(search: Search, found: Found, enough: float) -> tuple[Search, Found]:
     """Return the search over what images can explain, and the answer there; both as they are where that is no more.
@@ -57,15 +60,19 @@ def _clearly_more(found: Found, other: Found) -> bool:
 
 def _without_corners(search: Search, found: Found) -> tuple[Search, Found | None]:
     """Return the search over what corners do not return, by the walls found and then by the better ones."""
-    other, better = search, found
-    for _ in range(CORNER_ROUNDS):
+    other, better, changed = search, found, None
+    for _ in range(_EDGES_CHANGED):
+        for _ in range(CORNER_ROUNDS):
+            assert better.wave is not None, 'is refined by the waveform'
+            other = search.over(without_corner_echoes(search.data, better.wave))
+            other.approximate, other.whole = True, search.data
+            again = other.again(better)
+            if again is None or again.wave is None:
+                return other, None
+            better = again
         assert better.wave is not None, 'is refined by the waveform'
-        other = search.over(without_corner_echoes(search.data, better.wave))
-        other.approximate = True
-        again = other.again(better)
-        if again is None or again.wave is None:
-            return other, None
-        better = again
-    assert better.wave is not None, 'is refined by the waveform'
-    other.whole = search.data
-    return other, other.changed(better.power, better.wave)
+        changed = other.changed(better.power, better.wave)
+        if changed is None or changed.wave is None or len(changed.walls) == len(better.walls):
+            break
+        better = changed
+    return other, changed
