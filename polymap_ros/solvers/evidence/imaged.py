@@ -7,11 +7,23 @@ follows from them, too, and what comes later is not listened to. Where that leav
 
 import dataclasses
 
+import numpy as np
+
+from polymap_ros.geometry.outline import ring_corners
 from polymap_ros.solvers.evidence.corner_echoes import without_corner_echoes
 from polymap_ros.solvers.evidence.horizon import up_to_horizon
 from polymap_ros.solvers.evidence.search import Found, Search
+from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tracking import Chain, Track, improved_track
-from polymap_ros.solvers.evidence.tuning import CORNER_ROUNDS, CORNERS_FROM, HORIZON_HOLDS, STILL_LEFT
+from polymap_ros.solvers.evidence.tuning import (
+    CORNER_ROUNDS,
+    CORNERS_FROM,
+    FULL_ORDER,
+    HORIZON_HOLDS,
+    SHORT_EDGES,
+    STILL_LEFT,
+    WHOLE,
+)
 
 _EDGES_CHANGED = 2
 """How often that is done at most: once more with other edges, where those found before had other corners."""
@@ -29,7 +41,9 @@ def imaged(search: Search, found: Found, enough: float) -> tuple[Search, Found]:
         near = search.over(up_to_horizon(search.data, found.walls))
         if near.data.excess > HORIZON_HOLDS * search.data.excess:
             other, better = _without_corners(near, found)
-    return (other, better) if better is not None and _clearly_more(better, found) else (search, found)
+    if better is None or not _clearly_more(better, found):
+        return search, found
+    return _without_corner_edges(other, better)
 
 
 def imaged_track(search: Search, chain: Chain, track: Track, enough: float) -> Track:
@@ -52,6 +66,25 @@ def imaged_track(search: Search, chain: Chain, track: Track, enough: float) -> T
             return track
         better = again
     return better if _clearly_more(better.found, track.found) else track
+
+
+def _without_corner_edges(search: Search, found: Found) -> tuple[Search, Found]:
+    """Return the answer without a short edge in the place of a corner, where that explains more.
+
+    No move finds that: what was taken out are the echoes of the corners that there are with the edge.
+    """
+    _, corners = ring_corners(found.lines, 0.0, 1.0)
+    lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
+    for wall in np.flatnonzero(lengths < SHORT_EDGES[-1] * search.width_m):
+        if found.explained > WHOLE or found.wave is None or search.whole is None:
+            break
+        whole = search.over(search.whole)
+        fewer = whole.wave.refine(found.wave.with_walls(free(found.wave.walls).without(int(wall))), FULL_ORDER)
+        judged = None if fewer is None else whole.judged(found.power, fewer)
+        other, better = (search, None) if judged is None else _without_corners(whole, judged)
+        if better is not None and better.explained > found.explained:
+            return _without_corner_edges(other, better)
+    return search, found
 
 
 def _clearly_more(found: Found, other: Found) -> bool:
