@@ -14,14 +14,14 @@ import numpy as np
 import scipy.special
 from numpy.typing import ArrayLike, NDArray
 
-EXACT = 1e-6
+_EXACT = 1e-6
 """An angle is pi over a whole number within this share of it."""
 
 _AT_THE_EDGE_RAD = 1e-7
 """The coefficient's poles at the ends of images, whose limits are finite, are kept away from by this much."""
 
 
-def diffracts(angle_rad: float, nearly: float = EXACT) -> bool:
+def diffracts(angle_rad: float, nearly: float = _EXACT) -> bool:
     """Return whether a corner of this interior angle diffracts: pi over a whole number, or nearly that, does not."""
     share = np.pi / angle_rad
     return abs(share - max(round(share), 1)) > nearly * share

@@ -1,11 +1,10 @@
 """What corners return: image sources end at once where a hit leaves its wall, real echoes fade and corners diffract.
 
 For every corner and every pair of ways to it and on there is a path over the corner, with the amplitude of the uniform
-theory (`acoustics.wedge`) at the pulse's frequency. Half of what is late in a plate is of that kind, and all of it
+theory (`acoustics.wedge`) at the pulse's frequency. In plates 7 to 30 % of the power is of that kind, and all of it
 follows from the walls: once they are known, it is taken out of what was heard, and they are found again from the rest.
 """
 
-import dataclasses
 from typing import NamedTuple
 
 import numpy as np
@@ -70,11 +69,7 @@ class _Ways(NamedTuple):
 
 def without_corner_echoes(data: EchoData, wave: Wave) -> EchoData:
     """Return echoes without those that corners return, as a waveform's walls make them."""
-    signal = np.array(data.signal)
-    signal -= corner_echoes(data, wave).astype(np.complex64)
-    stride = round(data.cell_m / data.pulse.step_m)
-    power = 0.5 * np.abs(signal[:, :stride * data.power.shape[1]:stride]).astype(float) ** 2 + data.filling[:, None]
-    return dataclasses.replace(data, signal=signal, power=np.ascontiguousarray(power))
+    return data.with_signal(data.signal - corner_echoes(data, wave).astype(np.complex64))
 
 
 def corner_echoes(data: EchoData, wave: Wave) -> NDArray[np.complex128]:

@@ -112,6 +112,13 @@ class EchoData:
         power = np.ascontiguousarray(self.power[:, :int(range_m / self.cell_m) + 1])
         return dataclasses.replace(self, power=power, range_max_m=range_m)
 
+    def with_signal(self, signal: NDArray[np.complex64]) -> 'EchoData':
+        """Return the same pings with another signal (N, n_ranges), and its power, up to the same range."""
+        stride = round(self.cell_m / self.pulse.step_m)
+        heard = signal[:, :stride * self.power.shape[1]:stride]
+        power = 0.5 * np.abs(heard).astype(float) ** 2 + self.filling[:, None]
+        return dataclasses.replace(self, signal=signal, power=np.ascontiguousarray(power))
+
     def without_phase(self) -> 'EchoData':
         """Return the same with power alone, of which copies for many places are small."""
         return dataclasses.replace(self, signal=np.empty((len(self.signal), 0), np.complex64))

@@ -5,8 +5,6 @@ return follows from the walls, and is taken out; paths of more reflections than 
 follows from them, too, and what comes later is not listened to. Where that leaves clearly less, it is what was missing.
 """
 
-import dataclasses
-
 import numpy as np
 
 from polymap_ros.geometry.outline import ring_corners
@@ -57,9 +55,9 @@ def imaged_track(search: Search, chain: Chain, track: Track, enough: float) -> T
     for _ in range(CORNER_ROUNDS):
         assert better.found.wave is not None, 'is refined by the waveform'
         heard = without_corner_echoes(search.data.chosen(track.pings).at(better.poses), better.found.wave)
-        signal, power = search.data.signal.copy(), search.data.power.copy()
-        signal[track.pings], power[track.pings] = heard.signal, heard.power
-        other = search.over(dataclasses.replace(search.data, signal=signal, power=power))
+        signal = search.data.signal.copy()
+        signal[track.pings] = heard.signal
+        other = search.over(search.data.with_signal(signal))
         other.approximate = True
         again = improved_track(other, chain, better)
         if again is better or again.found.wave is None:

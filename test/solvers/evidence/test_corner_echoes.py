@@ -17,6 +17,7 @@ from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.shaped_scenes import clean_echoes, shaped_scene
 from polymap_ros.simulation.waveforms import noise_free, simulate
+from polymap_ros.simulation.waves import wave_echoes
 from polymap_ros.solvers.evidence.corner_echoes import corner_echoes, without_corner_echoes
 from polymap_ros.solvers.evidence.corner_slopes import corner_slopes
 from polymap_ros.solvers.evidence.horizon import up_to_horizon
@@ -116,3 +117,17 @@ def test_an_l_with_real_corners_is_mapped(kind, seed):
     trial = judged(mapper.solve(), scene, 'evidence', 0.0)
     assert (trial.right, trial.cautions) == (True, ())
     assert max(trial.offsets_m) < 2e-4
+
+
+def test_in_echoes_of_the_wave_equation_little_is_left():
+    """In a plate so small that the wave equation is solved in seconds, before a sixth reflection may be heard."""
+    scene = skewed()
+    small = skewed(vertices=0.5 * scene.vertices, poses=scene.poses * [0.5, 0.5, 1.0], n_samples=260)
+    mapper = filled_mapper(small, Parameters(), wave_echoes(small))
+    search = search_of(mapper.evidence, mapper.parameters)
+    walls = Walls(polygon_lines(small.vertices), np.ones(6))
+    wave = search.wave.evaluate(walls, search.wave.begun(walls), 5)
+    rest = search.over(without_corner_echoes(search.data, wave))
+    left = [1.0 - each.as_modelled(wave) for each in (search, rest)]
+    assert left[1] < 0.5 * left[0]
+    assert left[0] > 0.02
