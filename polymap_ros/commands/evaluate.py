@@ -148,12 +148,17 @@ def _slam(arguments: argparse.Namespace) -> int:
 
 
 def _shapes(arguments: argparse.Namespace) -> int:
+    from polymap_ros.errors import UsageError
     from polymap_ros.evaluation.shapes_experiment import ShapesExperiment, shape_failures, shapes_text
-    from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS
+    from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, shaped_scene
 
     kinds = _kinds(arguments, SHAPE_KINDS)
     parameters, _, seeds, _ = _scenes(arguments)
-    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, arguments.echoes or 'images')
+    echoes = arguments.echoes or 'images'
+    if echoes == 'waves' and (walled := [kind for kind in kinds if shaped_scene(kind, seeds[0]).inner_walls]):
+        raise UsageError(f'--echoes waves: the wave equation is not solved with inner walls, which {", ".join(walled)} '
+                         'have; name another --variant')
+    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, echoes)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (
         kinds.index(entry.kind), entry.trial.seed))

@@ -18,18 +18,13 @@ from polymap_ros.simulation.waves import wave_echoes
 
 Points = NDArray[np.float64]
 
-ECHOES = {
-    'images': 'image sources up to the fifth order, which end at once at the ends of walls',
-    'fresnel': 'the same, faded over a Fresnel zone, and corners that diffract, by the uniform theory of diffraction',
-    'waves': 'the wave equation, of all orders and without loss, some minutes a scene; not with inner walls',
-}
-"""What a scene's echoes may be."""
+ECHOES = 'images', 'fresnel', 'waves'
+"""What a scene's echoes may be: see `clean_echoes`."""
 
 _PINGS, _STEP_M, _CLEARANCE_M = 60, 0.14, 0.06
 _FEET, _LEAST_EDGE_M = 6, 0.24
 _DRAWS, _PATH_DRAWS = 20_000, 4
 _STREAM = 9
-
 
 @dataclass(frozen=True)
 class ShapeKind:

@@ -13,6 +13,7 @@ import pytest
 
 from polymap_ros.commands.evaluate import main
 from polymap_ros.commands.experiments import EXPERIMENTS, parser
+from polymap_ros.simulation.shaped_scenes import ECHOES
 
 DATA = Path(os.environ.get('POLYMAP_DATA') or Path(__file__).parents[2].parent / 'shared' / 'data')
 DRIVE = DATA / 'odometry' / 'test2.bag'
@@ -147,6 +148,17 @@ def test_arguments_that_mean_nothing_are_refused(arguments, capsys):
     complaint = capsys.readouterr().err
     assert complaint.count('\n') == 1
     assert ' _' not in complaint  # no name of a function
+
+
+def test_the_wave_equation_with_inner_walls_is_refused_before_the_work(tmp_path, capsys):
+    """And what may be asked for is what a scene's echoes may be."""
+    assert main(['shapes', '--echoes', 'waves', '--output', str(tmp_path / 'waves')]) == 2
+    assert 'which stiffener, seam have; name another --variant' in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(SystemExit):
+        main(['shapes', '--echoes', 'ideal', '--output', 'x'])
+    complaint = capsys.readouterr().err
+    assert all(echoes in complaint for echoes in ECHOES)
 
 
 @pytest.mark.parametrize('experiment', EXPERIMENTS)

@@ -220,9 +220,10 @@ class EvidenceSolver:
         search, best, worth = reported, None, -np.inf
         if not self._beyond_convex(reported):
             return search, best
-        heard = reported.over(up_to_sides(reported.data, area_m2))
-        if convex is not None and heard.data is not reported.data:
-            convex = heard.again(convex)
+        heard, data = reported, up_to_sides(reported.data, area_m2)
+        if data is not reported.data:
+            heard = reported.over(data)
+            convex = convex and heard.again(convex)
         for ring in heard.not_convex(convex):
             if ring.value > worth:
                 worth = ring.value
