@@ -10,6 +10,7 @@ import numpy as np
 from polymap_ros.parameters import MediumParameters, SensorParameters
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
+from polymap_ros.simulation.propagation import Propagation
 from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, mistaken, random_scene, storeyed
 from polymap_ros.simulation.scenes import Scene
 
@@ -49,6 +50,28 @@ def _damped(reflection: float) -> Callable[[int, int], Scene]:
         coefficients[seed % edges] = reflection
         return dataclasses.replace(random_scene(seed, edges), reflection=coefficients)
     return make
+
+
+def _travelling(**propagation: Any) -> Callable[[int, int], Scene]:
+    return lambda seed, edges: dataclasses.replace(random_scene(seed, edges), propagation=Propagation(**propagation))
+
+
+def _rolled(share: float) -> Callable[[int, int], Scene]:
+    """A plate in which waves are fastest in a direction that is drawn."""
+    def make(seed: int, edges: int) -> Scene:
+        along = float(np.random.default_rng([seed, edges, 10]).uniform(0.0, 180.0))
+        return _travelling(anisotropy=share, anisotropy_deg=along)(seed, edges)
+    return make
+
+
+def mild(scene: Scene) -> Scene:
+    """The scene with everything that a real plate and a real device do, none of it strong."""
+    centre = float(np.random.default_rng([scene.seed, len(scene.vertices), 8]).uniform(0.92, 1.08))
+    faults = dataclasses.replace(scene.faults, transducer_q=3.0, transducer_centre=centre, directivity=0.3,
+                                 noise_colour=0.9)
+    return dataclasses.replace(
+        scene, faults=faults, edges=Edges(kind='free', poisson=0.30), propagation=Propagation(attenuation_np_m=0.35),
+        gain_range_db=12.0, order=8, reflection=np.full(len(scene.vertices), 0.9))
 
 
 def _resonant(quality: float, times: int = 1, **edges: Any) -> Callable[[int, int], Scene]:
@@ -113,6 +136,18 @@ VARIANTS = {
     'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
     'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),
     'phase_by_wall': Variant('each wall by its own, within 45 degrees', _edged(spread_deg=45.0)),
+    'delay': Variant('every reflection delays the wave by a quarter of a cycle, whatever its frequency',
+                     _edged(delay_s=2.5e-6)),
+    'attenuated': Variant('a metre of the way takes 0.35 Np, in proportion to frequency',
+                          _travelling(attenuation_np_m=0.35)),
+    'directed': Variant('the device hears and speaks by 1 + 0.3 cos(phi)', _faulty(directivity=0.3)),
+    'coloured': Variant('noise of which a sample passes 0.9 on to the next', _faulty(noise_colour=0.9)),
+    'mild': Variant('free edges, Q 3, attenuation, directivity, coloured noise, gain of +-6 dB, order 8 at 0.9',
+                    lambda seed, edges: mild(random_scene(seed, edges))),
+    'speed_drift_0.5': Variant('waves that get faster by 0.5 % while the robot drives', _travelling(speed_drift=0.005)),
+    'speed_drift_1': Variant('the same, by 1 %', _travelling(speed_drift=0.01)),
+    'anisotropy_1': Variant('a rolled plate, k (1 - 0.01 cos 2 phi)', _rolled(0.01)),
+    'anisotropy_2': Variant('the same, 0.02', _rolled(0.02)),
     'edge_fading': Variant('echoes that fade over a Fresnel zone at the ends of walls, and corners that diffract',
                            _changed(edge_fading='fresnel')),
     'order_4': Variant('echoes up to order 4 only, without loss', _changed(order=4)),

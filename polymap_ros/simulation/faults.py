@@ -1,12 +1,13 @@
 """What a real device and its odometry do wrong, as options of a scene. Everything is off by default."""
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.simulation.odometry import LEVELS
+from polymap_ros.simulation.propagation import Way
 from polymap_ros.specification import Group, parameter
 
 SPEED_OF_S0_M_S = 5264.0
@@ -22,9 +23,31 @@ _NEAREST_M = 5e-4
 _DECAY = 3.0
 """They fade by this many nepers towards their end."""
 
-Paths: TypeAlias = list[tuple[NDArray[np.float64], NDArray[Any]]]
-"""Of every ping the lengths (m,) [m] and amplitudes (m,), before spreading, of its paths, nearest first; complex where
-walls turn the phase."""
+class Arrivals(NamedTuple):
+    """The paths that a ping hears, nearest first.
+
+    Attributes
+    ----------
+    length_m : ndarray, shape (m,)
+        Their lengths [m].
+    amplitude : ndarray, shape (m,)
+        Their amplitudes before spreading; complex where walls turn the phase.
+    late_s : ndarray, shape (m,)
+        By how much later they are heard than for their length [s].
+    """
+
+    length_m: NDArray[np.float64]
+    amplitude: NDArray[Any]
+    late_s: NDArray[np.float64]
+
+    @classmethod
+    def in_order(
+        cls, length_m: NDArray[np.float64], amplitude: NDArray[Any], late_s: NDArray[np.float64] | None = None
+    ) -> 'Arrivals':
+        """Return paths in order of their lengths, none of them late unless that is given."""
+        nearest = np.argsort(length_m, kind='stable')
+        late = np.zeros(len(nearest)) if late_s is None else late_s[nearest]
+        return cls(length_m[nearest], amplitude[nearest], late)
 
 
 @dataclass(frozen=True)
@@ -60,6 +83,11 @@ class Faults(Group):
                                      'there is none', minimum=0.0, maximum=1e6)
     impulse_width: float = parameter(0.0, 'their width (standard deviation); 0: one sample each', unit='samples',
                                      minimum=0.0, maximum=1e3)
+    noise_colour: float = parameter(0.0, "how much of a sample's noise the next one takes over; 0: white noise",
+                                    minimum=0.0, maximum=0.999)
+    directivity: float = parameter(
+        0.0, 'b of the amplitude 1 + b cos(phi) in the direction phi from the x axis of the base, of emitter and of '
+        'receiver', minimum=0.0, maximum=1.0)
     transducer_q: float = parameter(0.0, 'quality of a resonant transducer that the pulse goes through; 0: none',
                                     minimum=0.0, maximum=1e3)
     transducer_centre: float = parameter(1.0, "its frequency over the pulse's", above=0.0, maximum=100.0)
@@ -76,29 +104,36 @@ class Faults(Group):
 
 
 def first_echo_faults(
-    faults: Faults, generator: np.random.Generator, paths: Paths, spreading: float
-) -> Paths:
-    """Lengths and amplitudes of every ping's paths, nearest first, with first echoes taken away or false ones added."""
+    faults: Faults, generator: np.random.Generator, paths: list[Arrivals], spreading: float
+) -> list[Arrivals]:
+    """Every ping's paths with first echoes taken away or false ones added."""
     if not (faults.missing_first or faults.false_first):
         return paths
     draws = generator.uniform(size=(len(paths), 3))
     changed = []
-    for (length, amplitude), (missing, false, place) in zip(paths, draws, strict=True):
-        first, loudness = length[:1], amplitude[:1]
+    for heard, (missing, false, place) in zip(paths, draws, strict=True):
+        first, later = Arrivals(*(column[:1] for column in heard)), heard
         if missing < faults.missing_first:
-            length, amplitude = length[1:], amplitude[1:]
+            later = Arrivals(*(column[1:] for column in heard))
         if false < faults.false_first:
             share = 0.2 + 0.7 * place
-            length = np.concatenate((share * first, length))
-            amplitude = np.concatenate((share**spreading * loudness, amplitude))
-        changed.append((length, amplitude))
+            nearer = Arrivals(share * first.length_m, share**spreading * first.amplitude, first.late_s)
+            later = Arrivals(*(np.concatenate(pair) for pair in zip(nearer, later, strict=True)))
+        changed.append(later)
     return changed
+
+
+def directed(faults: Faults, yaw: float, found: list[Way]) -> NDArray[np.float64]:
+    """What emitter and receiver, at a heading of the base [rad], make of the amplitudes of paths (m,): factors."""
+    ends = np.array([(way.legs[0], -way.legs[-1]) for way in found])
+    phi = np.arctan2(ends[..., 1], ends[..., 0]) - yaw
+    return np.asarray((1.0 + faults.directivity * np.cos(phi)).prod(axis=1))
 
 
 def ringing(
     faults: Faults, generator: np.random.Generator, baseline_m: float, pulse_m: float, spreading: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Path lengths and amplitudes of the direct wave, from emitter to receiver, and its ringing.
+) -> Arrivals:
+    """The direct wave, from emitter to receiver, and its ringing.
 
     It is over before `direct_wave_m`.
 
@@ -120,4 +155,4 @@ def ringing(
     range_m = np.append(first_m, first_m + (end_m - first_m) * np.sort(generator.uniform(0.2, 1.0, _RINGS)))
     sign = np.append(1.0, generator.choice((-1.0, 1.0), _RINGS))
     amplitude = sign * np.exp(-_DECAY * range_m / end_m)
-    return 2.0 * range_m, amplitude * (2.0 * range_m) ** spreading
+    return Arrivals.in_order(2.0 * range_m, amplitude * (2.0 * range_m) ** spreading)

@@ -1,4 +1,4 @@
-"""What other machines put into a scene's pings: lines of motors and supplies, impulses of relays."""
+"""What is put into a scene's pings beside echoes: lines of motors and supplies, impulses of relays, coloured noise."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,15 @@ def interference(
         Sample period [s].
     """
     return _lines(faults, generator, clean, period_s) + _impulses(faults, generator, clean.shape, noise)
+
+
+def coloured(white: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Return noise of power 1 of which each sample passes a share on to the next one, from white noise (T, n)."""
+    import scipy.signal  # takes as long to load as all the rest of scipy that is used
+
+    fresh = np.sqrt(1.0 - share**2) * white
+    fresh[:, 0] = white[:, 0]
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -share], fresh, axis=1))
 
 
 def _lines(

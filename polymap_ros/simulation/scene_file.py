@@ -17,9 +17,10 @@ A hole's reflection is 1 unless given, an inner wall's transmission sqrt(1 - ref
 beyond the outline or into a hole: it ends where it meets them. `edges` and `height` do not go with holes or inner
 walls, nor does a recorded way with holes.
 
-What device and odometry do wrong is in `faults`, with the fields of `Faults`; what edges do to the phase in `edges`,
-with those of `Edges`; a room's floor and ceiling in `height`, with those of `Height`. With ``edge_fading: fresnel``
-echoes fade over a Fresnel zone at the ends of walls, and corners diffract.
+What device and odometry do wrong is in `faults`, with the fields of `Faults`; what edges do to what they reflect in
+`edges`, with those of `Edges`; what the medium does beside in `propagation`, with those of `Propagation`; a room's
+floor and ceiling in `height`, with those of `Height`. With ``edge_fading: fresnel`` echoes fade over a Fresnel zone at
+the ends of walls, and corners diffract.
 """
 
 import dataclasses
@@ -45,6 +46,7 @@ from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.height import Height
 from polymap_ros.simulation.inside import Hole, Partition, holes_of, named
+from polymap_ros.simulation.propagation import Propagation
 from polymap_ros.simulation.scenes import Scene, check_bounds
 from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
 
@@ -52,7 +54,8 @@ ReadPath = Callable[[Path, str], NDArray[np.float64]]
 """Reads the poses (N, 3) of an odometry topic from a recording."""
 
 _GROUPS = {'medium': MediumParameters, 'pulse': PulseParameters, 'sensor': SensorParameters, 'grid': GridParameters,
-           'told_medium': MediumParameters, 'faults': Faults, 'edges': Edges, 'height': Height}
+           'told_medium': MediumParameters, 'faults': Faults, 'edges': Edges, 'height': Height,
+           'propagation': Propagation}
 _INTEGERS = ('n_samples', 'order', 'seed', 'pings')
 _SUFFIX = '.scene.yaml'
 _PATH_STREAM = 4

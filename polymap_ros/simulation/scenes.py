@@ -17,7 +17,9 @@ from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.height import Height
 from polymap_ros.simulation.inside import Hole, Partition, check_apart, holes_of, partitions_of
+from polymap_ros.simulation.interference import coloured
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
+from polymap_ros.simulation.propagation import Propagation
 from polymap_ros.simulation.reflectors import Reflectors
 
 MOST_PINGS, MOST_SAMPLES, MOST_ODOMETRY = 200_000, 2**30, 10_000_000
@@ -64,7 +66,9 @@ class Scene:
     faults : Faults
         What device and odometry do wrong.
     edges : Edges
-        What a reflection does to the phase.
+        What a reflection does beside taking some of it.
+    propagation : Propagation
+        What the medium does that `medium` does not say.
     edge_fading : str
         What echoes do at the ends of walls: none, they end at once, as image sources do; fresnel, they fade over a
         Fresnel zone, and corners echo, by the uniform theory of diffraction at the pulse's frequency. Not at the ends
@@ -124,6 +128,7 @@ class Scene:
     told_medium: MediumParameters | None = None
     faults: Faults = field(default_factory=Faults)
     edges: Edges = field(default_factory=Edges)
+    propagation: Propagation = field(default_factory=Propagation)
     edge_fading: str = 'none'
     height: Height = field(default_factory=Height)
     holes: tuple[Hole, ...] = ()
@@ -160,18 +165,25 @@ class Scene:
             raise SceneError('height is that of a room; a plate has none: set medium.model to constant')
         if self.edge_fading not in EDGE_FADINGS:
             raise SceneError(f'edge_fading must be {" or ".join(EDGE_FADINGS)}, found {self.edge_fading!r}')
-        if self.edge_fading != 'none' and (self.edges != Edges() or self.height != Height()):
-            raise SceneError('edge_fading does not go with edges or height; leave out one of them')
-        self._check_inside()
+        for name in self._on_ways:
+            if self.edge_fading != 'none':
+                raise SceneError(f'edge_fading does not go with {name}; leave out one of them')
+            if self.has_inside:
+                raise SceneError(f'{name} acts in scenes without holes and inner_walls only; leave out one of them')
+        self._check_sequences()
         self._check_size()
 
-    def _check_inside(self) -> None:
-        """What holes and inner walls do not go with."""
+    @property
+    def _on_ways(self) -> list[str]:
+        """What needs each path's way, of those things that the scene has."""
+        have = {'edges': self.edges != Edges(), 'height': self.height != Height(),
+                'propagation.anisotropy': self.propagation.anisotropy, 'faults.directivity': self.faults.directivity}
+        return [name for name, there in have.items() if there]
+
+    def _check_sequences(self) -> None:
+        """Whether walls inside make too many sequences."""
         if not self.has_inside:
             return
-        for name, ordinary in (('edges', Edges()), ('height', Height())):
-            if getattr(self, name) != ordinary:
-                raise SceneError(f'{name} acts in scenes without holes and inner_walls only; leave out one of them')
         walls = len(self.reflectors.starts)
         sequences = float(len(self.poses)) * walls * (walls - 1.0) ** (self.order - 1)
         if sequences > MOST_SEQUENCES:
@@ -255,8 +267,9 @@ class Scene:
         return with_slips(poses, faults.slip_m, float(np.deg2rad(faults.slip_deg)), generator)
 
     def noise(self) -> NDArray[np.float64]:
-        """White Gaussian noise of power 1, shape (T, n_samples)."""
-        return self.generator(_NOISE_STREAM).normal(size=(len(self.poses), self.n_samples))
+        """Gaussian noise of power 1, shape (T, n_samples): white, or such that a sample's passes on to the next."""
+        white = self.generator(_NOISE_STREAM).normal(size=(len(self.poses), self.n_samples))
+        return white if self.faults.noise_colour == 0.0 else coloured(white, self.faults.noise_colour)
 
     def generator(self, stream: int) -> np.random.Generator:
         """A generator of its own for each thing that is drawn, so that options do not disturb one another."""

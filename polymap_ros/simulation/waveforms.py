@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from polymap_ros.acoustics.medium import ConstantSpeed, Medium, group_speed, make_medium
 from polymap_ros.acoustics.ping import Ping
 from polymap_ros.acoustics.pulse import Pulse, make_pulse
-from polymap_ros.geometry.image_sources import Images, visible_images
+from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.jit import kernel
 from polymap_ros.simulation.diffraction import diffracted, diffracting_corners
 from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
-from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, Paths, first_echo_faults, ringing
+from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, Arrivals, directed, first_echo_faults, ringing
 from polymap_ros.simulation.interference import INTERFERENCE_STREAM, interference
+from polymap_ros.simulation.propagation import ways
 from polymap_ros.simulation.reflectors import heard_images
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
@@ -24,7 +25,7 @@ from polymap_ros.simulation.transducer import Transduced
 BAND_FLOOR = 1e-3
 """Frequencies at which the echo is weaker than this, relative to its strongest, are left out."""
 
-Heard: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+HeardAt: TypeAlias = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """From a position (2,) [m] to the lengths (m,) [m] and amplitudes (m,), before spreading, of the paths heard there;
 complex where edges turn the phase."""
 
@@ -68,13 +69,13 @@ def pings(scene: Scene, clean: NDArray[np.float64] | None = None) -> list[Ping]:
             for stamp, ping in zip(scene.stamps_ns, samples, strict=True)]
 
 
-def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
+def noise_free(scene: Scene, heard: HeardAt | None = None) -> NDArray[np.float64]:
     """Eq. (1) without noise and clutter and at gain 1, shape (T, n_samples).
 
     `heard` takes the place of the scene's walls, and of the distance between emitter and receiver.
     """
     medium = make_medium(scene.medium)
-    paths = [heard(position) for position in scene.positions] if heard else _heard(scene)
+    paths = [Arrivals.in_order(*heard(position)) for position in scene.positions] if heard else _heard(scene)
     if scene.edge_fading == 'fresnel':
         paths = _with_diffracted(scene, medium, paths)
     paths = first_echo_faults(scene.faults, scene.generator(FIRST_STREAM), paths, medium.spreading)
@@ -85,64 +86,76 @@ def noise_free(scene: Scene, heard: Heard | None = None) -> NDArray[np.float64]:
     return clean
 
 
-def _heard(scene: Scene) -> Paths:
-    """Lengths and amplitudes of the paths from the emitter over the walls to the receiver, nearest first."""
+def _heard(scene: Scene) -> list[Arrivals]:
+    """The paths from the emitter over the walls to the receiver."""
     if scene.has_inside:
-        return _heard_among_all(scene)
-    paths = []
-    for emitter, receiver in zip(*scene.ends, strict=True):
-        images = visible_images(scene.vertices, emitter, scene.order, scene.reflection, receiver)
-        amplitude = images.amplitude
-        if scene.edges != Edges():
-            generator = scene.generator(EDGES_STREAM)
-            amplitude = amplitude * np.exp(-1j * delays(scene.edges, generator, scene.vertices, images, receiver))
-        paths.append(_over_floor_and_ceiling(scene, float(np.hypot(*(receiver - emitter))), images, amplitude))
-    return paths
+        paths = _heard_among_all(scene)
+    else:
+        ends = zip(*scene.ends, scene.poses[:, 2].tolist(), strict=True)
+        paths = [_over_floor_and_ceiling(scene, *_over_walls(scene, *each)) for each in ends]
+    slowness = scene.propagation.slowness(len(paths))
+    return [heard._replace(length_m=factor * heard.length_m) for factor, heard in zip(slowness, paths, strict=True)]
 
 
-def _heard_among_all(scene: Scene) -> Paths:
+def _over_walls(
+    scene: Scene, emitter: NDArray[np.float64], receiver: NDArray[np.float64], yaw: float
+) -> tuple[NDArray[np.float64], NDArray[np.complex128], NDArray[np.int64]]:
+    """Lengths, amplitudes and orders of the paths over walls, and of the straight one, which is of order 0."""
+    stretch = scene.propagation.stretch
+    vertices, source, end = scene.vertices @ stretch, stretch @ emitter, stretch @ receiver
+    images = visible_images(vertices, source, scene.order, scene.reflection, end)
+    length, amplitude = images.distance_m, images.amplitude.astype(complex)
+    if scene.edges != Edges() or scene.propagation.anisotropy or scene.faults.directivity:
+        back = np.linalg.inv(stretch)
+        found = [way._replace(points=way.points @ back) for way in ways(images, vertices, end)]
+        length = np.array([scene.propagation.length_m(way.legs) for way in found])
+        delay = delays(scene.edges, scene.generator(EDGES_STREAM), scene.vertices, found)
+        amplitude = amplitude * directed(scene.faults, yaw, found) * np.exp(-1j * delay)
+    apart_m = float(np.hypot(*(receiver - emitter)))
+    return np.append(length, apart_m), np.append(amplitude, 1.0), np.append(images.order, 0)
+
+
+def _heard_among_all(scene: Scene) -> list[Arrivals]:
     """As `_heard`, of every sequence of the outline's, the holes' and the inner walls: by another tracer."""
     walls, paths = scene.reflectors, []
     for emitter, receiver in zip(*scene.ends, strict=True):
         images, amplitude = heard_images(walls, emitter, scene.order, receiver)
-        paths.append((np.hypot(np.linalg.norm(images - receiver, axis=1), scene.sensor.baseline_z_m), amplitude))
+        length = np.hypot(np.linalg.norm(images - receiver, axis=1), scene.sensor.baseline_z_m)
+        paths.append(Arrivals(length, amplitude, np.zeros(len(length))))
     return paths
 
 
-def _with_diffracted(scene: Scene, medium: Medium, paths: Paths) -> Paths:
+def _with_diffracted(scene: Scene, medium: Medium, paths: list[Arrivals]) -> list[Arrivals]:
     """Add the paths over corners to those of each ping."""
     wavenumber = float(medium.wavenumber(2.0 * np.pi * scene.pulse.frequency_hz))
     walls, corners = scene.reflectors, diffracting_corners(scene.vertices, np.asarray(scene.reflection))
     for hole in scene.holes:
         corners += diffracting_corners(hole.vertices, np.asarray(hole.reflection))
     together = []
-    for emitter, receiver, (lengths, amplitudes) in zip(*scene.ends, paths, strict=True):
+    for emitter, receiver, heard in zip(*scene.ends, paths, strict=True):
         more, over_corners = diffracted(corners, walls, emitter, receiver, scene.order, wavenumber)
-        lengths = np.append(lengths, np.hypot(more, scene.sensor.baseline_z_m))
-        nearest = np.argsort(lengths, kind='stable')
-        together.append((lengths[nearest], np.append(amplitudes, over_corners)[nearest]))
+        lengths = np.append(heard.length_m, np.hypot(more, scene.sensor.baseline_z_m))
+        together.append(Arrivals.in_order(lengths, np.append(heard.amplitude, over_corners)))
     return together
 
 
 def _over_floor_and_ceiling(
-    scene: Scene, apart_m: float, images: Images, amplitude: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lengths and amplitudes of the paths that floor and ceiling make of those over walls, and of none, too."""
-    order = np.append(images.order, 0)
-    flat, strength = np.append(images.distance_m, apart_m), np.append(amplitude, 1.0)
-    lengths, amplitudes = [], []
+    scene: Scene, flat: NDArray[np.float64], strength: NDArray[np.complex128], order: NDArray[np.int64]
+) -> Arrivals:
+    """The paths that floor and ceiling make of those in the plane, which are heard themselves but for the straight one.
+    """
+    several = []
     for z, coefficient, bounces in scene.height.storey.images(scene.order, level=False):
         heard = (order + bounces <= scene.order) & (order + bounces > 0)
-        lengths.append(np.hypot(flat[heard], scene.sensor.baseline_z_m - z))
-        amplitudes.append(coefficient * strength[heard])
-    length = np.concatenate(lengths)
-    nearest = np.argsort(length, kind='stable')
-    return length[nearest], np.concatenate(amplitudes)[nearest]
+        length = np.hypot(flat[heard], scene.sensor.baseline_z_m - z)
+        several.append((length, coefficient * strength[heard], scene.edges.delay_s * order[heard]))
+    return Arrivals.in_order(*(np.concatenate(column) for column in zip(*several, strict=True)))
 
 
-def _synthesised(scene: Scene, medium: Medium, paths: Paths) -> NDArray[np.float64]:
-    synthesis = Synthesis(medium, emitted(scene), scene.n_samples, scene.period_s, scene.t0_s)
-    return np.array([synthesis(*path) for path in paths])
+def _synthesised(scene: Scene, medium: Medium, paths: list[Arrivals]) -> NDArray[np.float64]:
+    loss = scene.propagation.attenuation_np_m / scene.pulse.frequency_hz
+    synthesis = Synthesis(medium, emitted(scene), scene.n_samples, scene.period_s, scene.t0_s, loss)
+    return np.array([synthesis(*heard) for heard in paths])
 
 
 def emitted(scene: Scene) -> Pulse:
@@ -163,7 +176,7 @@ def _clutter(scene: Scene, clean: NDArray[np.float64]) -> NDArray[np.float64]:
     pulse_s = emitted(scene).duration_s
     pulse_m = 0.5 * pulse_s * float(group_speed(medium, scene.pulse.frequency_hz))
     loud = np.median(np.abs(clean).max(axis=1))
-    fixed = np.array([2.0 * faults.clutter_m]), np.ones(1)
+    fixed = Arrivals.in_order(np.array([2.0 * faults.clutter_m]), np.ones(1))
     rings = ringing(faults, scene.generator(RINGING_STREAM), scene.sensor.baseline_m, pulse_m, medium.spreading)
     for factor, paths in ((faults.direct_wave, rings), (faults.clutter, fixed)):
         wave = _synthesised(scene, medium, [paths])[0]
@@ -190,10 +203,12 @@ class Synthesis:
         Sample period [s].
     t0_s : float
         Time of the first sample after emission [s].
+    loss : float
+        What the way takes, in proportion to frequency [Np / (m Hz)].
     """
 
     def __init__(
-        self, medium: Medium, pulse: Pulse, n_samples: int, period_s: float, t0_s: float = 0.0
+        self, medium: Medium, pulse: Pulse, n_samples: int, period_s: float, t0_s: float = 0.0, loss: float = 0.0
     ) -> None:
         end_s = t0_s + n_samples * period_s
         start = min(t0_s, 0.0)
@@ -209,24 +224,33 @@ class Synthesis:
         omega = omega[band]
         self._bins = slice(band.start + 1, band.stop + 1)
         self._strength = strength[band] * np.exp(1j * omega * t0_s) / period_s
-        self._wavenumber = medium.wavenumber(omega)
+        self._omega, self._wavenumber = omega, medium.wavenumber(omega) - 1j * loss / (2.0 * np.pi) * omega
         speed = group_speed(medium, omega / (2.0 * np.pi))
         self._heard_m = speed * end_s
         self._faded_m = speed * (start + self._size * period_s - pulse.duration_s)
 
-    def __call__(self, distance_m: NDArray[np.float64], amplitude: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Samples (n_samples,) of images at distances (m,) [m] with amplitudes (m,) before spreading."""
+    def __call__(
+        self, distance_m: NDArray[np.float64], amplitude: NDArray[np.float64],
+        late_s: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Samples (n_samples,) of images at distances (m,) [m] with amplitudes (m,) before spreading, and late by (m,)
+        [s].
+        """
         near = distance_m < self._faded_m.max()
         weights = amplitude[near] * distance_m[near] ** -self._spreading
+        late = np.zeros(len(weights)) if late_s is None else late_s[near]
         spectrum = np.zeros(self._size // 2 + 1, dtype=complex)
-        spectrum[self._bins] = self._strength * _sum_of_images(
-            self._wavenumber, self._heard_m, self._faded_m, distance_m[near], weights.astype(complex))
+        for delay_s in np.unique(late):
+            so_late = late == delay_s
+            spectrum[self._bins] += self._strength * np.exp(-1j * self._omega * delay_s) * _sum_of_images(
+                self._wavenumber, self._heard_m, self._faded_m, distance_m[near][so_late],
+                weights[so_late].astype(complex))
         return np.asarray(scipy.fft.irfft(spectrum, self._size)[:self._n_samples])
 
 
 @kernel
 def _sum_of_images(
-    wavenumber: NDArray[np.float64],
+    wavenumber: NDArray[np.complex128],
     heard_m: NDArray[np.float64],
     faded_m: NDArray[np.float64],
     distance_m: NDArray[np.float64],
@@ -242,6 +266,7 @@ def _sum_of_images(
                 weight = weights[m]
                 if d > heard_m[i]:
                     weight *= 0.5 + 0.5 * np.cos(np.pi * (d - heard_m[i]) / (faded_m[i] - heard_m[i]))
-                sum_of_all += weight * complex(np.cos(wavenumber[i] * d), -np.sin(wavenumber[i] * d))
+                phase, left = wavenumber[i].real * d, np.exp(wavenumber[i].imag * d)
+                sum_of_all += weight * left * complex(np.cos(phase), -np.sin(phase))
         total[i] = sum_of_all
     return total

@@ -83,7 +83,7 @@ def test_a_scene_file_says_so(tmp_path):
 
 
 def test_it_does_not_go_with_edges_that_turn_the_phase():
-    with pytest.raises(SceneError, match='edge_fading does not go with edges or height'):
+    with pytest.raises(SceneError, match='edge_fading does not go with edges'):
         plate(edge_fading='fresnel', edges=Edges(delay_deg=90.0))
 
 

@@ -7,6 +7,7 @@ from polymap_ros.acoustics.plate_edge import free_edge_delay
 from polymap_ros.errors import SceneError
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.simulation.edges import Edges, delays
+from polymap_ros.simulation.propagation import ways
 from polymap_ros.simulation.scene_file import load_scene
 
 ROOM = np.array([(0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (0.0, 1.0)])
@@ -15,7 +16,7 @@ HERE = np.array([0.7, 0.4])
 
 def told(edges):
     images = visible_images(ROOM, HERE, 2)
-    return images, delays(edges, np.random.default_rng(1), ROOM, images, HERE)
+    return images, delays(edges, np.random.default_rng(1), ROOM, ways(images, ROOM, HERE))
 
 
 def test_each_reflection_delays_by_as_much():
