@@ -263,7 +263,7 @@ def waveform() -> Figure:
                     data.pulse.baseband, data.pulse.curvature)
     predicted = np.zeros(data.signal.shape, complex)
     corners = np.roll(vertices, first_corner(wave.walls.lines), axis=0)
-    predict(corners, wave.strengths, echoes, step, wave.walls.reflection, wave.edge.table,
+    predict(corners, wave.loudness, echoes, step, wave.walls.reflection, wave.edge.table,
             wave.edge.own(wave.walls.delay), wave.storey.images(FULL_ORDER), wave.amplitudes * np.exp(1j * wave.phase),
             predicted[None])
     range_m = step * np.arange(data.signal.shape[1])

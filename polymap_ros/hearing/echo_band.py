@@ -36,6 +36,10 @@ or less where the period is wrong by a factor of 2, and 0.45 or less by 4 or 10.
 _NEAR = 1.42
 """A smaller factor is a transducer's, not a period's."""
 
+_FAR_BELOW, _AS_LOUD_BELOW = 0.35, 0.4
+"""Frequencies below this share of the one found, where no pulse has energy, and the mean density there, over the
+greatest, from which it is noise: of noise of which a sample passes 0.9 on to the next it is 0.9."""
+
 _BESIDE = 0.2
 """Quantile of the bands that holds noise only."""
 
@@ -102,6 +106,9 @@ class EchoBand:
         near = alike[(factors < _NEAR) & (factors > 1.0 / _NEAR)].max()
         if alike[best] < _LIKE_THE_PULSE or near > _WORSE * alike[best]:
             return None
+        below = found[middles[_OCTAVES * _PER_OCTAVE + bands] * factors[best] < _FAR_BELOW]
+        if len(below) and below.mean() > _AS_LOUD_BELOW * found.max():
+            return None  # noise that gets louder towards low frequencies
         return float(factors[best])
 
     def cautions(self, pulse: Pulse, frequency_hz: float) -> tuple[Caution, ...]:

@@ -10,6 +10,7 @@ from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.errors import StateError
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.hearing.echo_band import EchoBand
+from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.waveforms import simulate
 
 PINGS = 8
@@ -78,3 +79,8 @@ def test_a_few_pings_tell_nothing_and_a_state_is_continued(scene, samples):
     assert len(told(scene, found)) == 1
     with pytest.raises(StateError):
         EchoBand.restored(found.state() | {'known': np.full(3, 1.0)})
+
+
+def test_nor_is_noise_that_is_louder_at_low_frequencies(scene):
+    coloured = dataclasses.replace(scene, snr_db=0.0, faults=Faults(noise_colour=0.9))
+    assert told(scene, band(scene, simulate(coloured))) == ()

@@ -90,7 +90,7 @@ def corner_echoes(data: EchoData, wave: Wave) -> NDArray[np.complex128]:
         turned = wedge_coefficient(corner.angle_rad, _reflections(corner, wave, coming.angle), coming.angle,
                                    going.angle, data.pulse.carrier, focus)
         half = 0.5 * np.hypot(coming.length + going.length, data.ends[coming.ping, 4])
-        strength = wave.strengths[np.minimum(coming.hits + going.hits, FULL_ORDER - 1)]
+        strength = wave.loudness.strengths[np.minimum(coming.hits + going.hits, FULL_ORDER - 1)]
         b = strength * coming.strength * going.strength * turned / np.sqrt(focus) * half**-spread
         b *= amplitudes[coming.ping] * np.exp(-2j * data.pulse.carrier * half)
         _add(coming.ping, half, b, data.pulse.baseband, data.pulse.step_m, total)

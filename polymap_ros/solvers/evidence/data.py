@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from polymap_ros.geometry.poses import onward
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.hearing.sounding import Sounding
+from polymap_ros.solvers.evidence.early_noise import early_noise
 
 CELLS_PER_WIDTH = 3.0
 """Cells of range per independent width of the pulse: fine enough that the power is smooth between them."""
@@ -201,15 +202,20 @@ class EchoData:
         if end < last:  # pings are over before the axis is
             last = max(end - _CUT * width, 0)
         power = power[:, :last // stride + 1]
+        first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
+        first_m = np.array([sounding.rho for sounding in soundings])
+        cells = np.minimum(np.nan_to_num(first_m) / (stride * pulse.step_m), power.shape[1]).astype(np.int64)
+        louder = early_noise(power, first, cells, pulse.width_m / (stride * pulse.step_m))
+        if louder > 1.0:
+            signal *= np.float32(louder**-0.5)
+            power = power / louder
         quietest = power.shape[1] // 5
         quiet = np.partition(power, quietest, axis=1)[:, quietest] / -np.log(0.8)  # of an exponential's mean
         filling = np.where(quiet < _WEAK, 1.0 - quiet, 0.0)
         power += filling[:, None]
-        first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         excess = np.maximum(np.sum(power[:, first:] - 1.0, axis=1), 1.0)
         gain = excess / np.median(excess)
         nowhere, upwards = np.empty((len(poses), 2)), np.full((len(poses), 3), z)
-        first_m = np.array([sounding.rho for sounding in soundings])
         data = cls(nowhere, upwards, signal, np.ascontiguousarray(power), filling, gain, first, float(ranges[last]),
                    stride * pulse.step_m, pulse, spreading, poses, first_m,
                    (mount.x, mount.y, x * c - y * s, x * s + y * c))

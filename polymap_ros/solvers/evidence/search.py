@@ -22,6 +22,7 @@ from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
 from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
+from polymap_ros.solvers.evidence.moves.louder import hear_louder
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
@@ -96,12 +97,17 @@ class Found(NamedTuple):
 Schedule: TypeAlias = tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]
 """Moves of the waveform in the order in which they are tried, each where less than a share is explained."""
 
-SCHEDULE: Schedule = (
+_OF_ANY_OUTLINE: Schedule = (
     (tune_storey, np.inf),
+    (hear_louder, np.inf),  # before strengths by order take what is lost on the way
     (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
     (drop_wall, np.inf),
+)
+
+SCHEDULE: Schedule = (
+    *_OF_ANY_OUTLINE,
     (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
     (cut_corner, WHOLE),
@@ -110,11 +116,7 @@ SCHEDULE: Schedule = (
 """That for convex outlines."""
 
 RINGS: Schedule = (
-    (tune_storey, np.inf),
-    (weigh_orders, np.inf),
-    (turn_phase, WHOLE),
-    (fix_cycle_slips, np.inf),
-    (drop_wall, np.inf),
+    *_OF_ANY_OUTLINE,
     (square_up, np.inf),
     (merge_walls, np.inf),
     (retune, np.inf),
@@ -122,11 +124,7 @@ RINGS: Schedule = (
 """The same for outlines that are not convex."""
 
 INSIDE: Schedule = (
-    (tune_storey, np.inf),
-    (weigh_orders, np.inf),
-    (turn_phase, WHOLE),
-    (fix_cycle_slips, np.inf),
-    (drop_wall, np.inf),
+    *_OF_ANY_OUTLINE,
     (tune_inner_walls, ALL_EXPLAINED),
     (add_inner_wall, ALL_EXPLAINED),
 )

@@ -163,6 +163,11 @@ ORDERS_WORTH = 1.03
 """Times the log likelihood that strengths of the echoes by order have to be worth: without order 5, which the walls
 predict, it is 1.15 times and more (24 plates, even seeds)."""
 
+LOUDNESS_FROM, LOUDNESS_WORTH = 0.7, 1.03
+"""Share of the echoes' power that is explained from which a device's directions and a medium's loss are looked for, and
+the same of these as of strengths: without any they gained 1.3 % at most, with a directivity of 0.3 or a loss of
+0.35 Np/m 7 to 13 %, of 0.90 to 0.98 that were explained (plates of 4, 5 and 8 edges, even seeds)."""
+
 EDGE_PRICE, EDGE_MISFIT = 50.0, 0.01
 """Nats that phases of reflections have to bring where the echoes are explained but for a little, and the share of the
 log likelihood, where that is more: on scenes without any, and a nominal pulse that is half a microsecond off, they

@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
+from polymap_ros.geometry.paths import Paths, room_for_paths, trace_paths
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.edge_phase import COMMON
+from polymap_ros.solvers.evidence.loudness import Loudness, amplitude, is_directed
 
 
 class Sums(NamedTuple):
@@ -55,6 +56,7 @@ class Echoes(NamedTuple):
     carrier: float
     baseband: NDArray[np.complex128]
     curvature: NDArray[np.complex128]
+    yaw: NDArray[np.float64]
 
 
 class _Room(NamedTuple):
@@ -71,17 +73,6 @@ class _Room(NamedTuple):
     near: NDArray[np.float64]
     spread: NDArray[np.float64]
     delays: NDArray[np.float64]
-
-
-@kernel
-def _amplitude(
-    paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64], strengths: NDArray[np.float64]
-) -> float:
-    """b of a path: what its order counts for, its spreading, and its walls' coefficients."""
-    b: float = paths.weight[m] * falloff(paths.half[m], spreading) * strengths[paths.hits[m] + paths.bounces[m] - 1]
-    for level in range(paths.hits[m]):
-        b *= reflection[paths.walls[m, level]]
-    return b
 
 
 @kernel
@@ -120,16 +111,17 @@ def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
 
 @kernel
 def add_up(
-    sides: Sides, strengths: NDArray[np.float64], heard: Echoes, reflection: NDArray[np.float64],
+    sides: Sides, loudness: Loudness, heard: Echoes, reflection: NDArray[np.float64],
     table: NDArray[np.float64], own: NDArray[np.float64], storey: NDArray[np.float64], derive: bool, sums: Sums
 ) -> None:
     """Fill the sums of every ping; their columns are r of all walls, then theta, then ln |rho|.
 
-    `strengths` are those of the echoes of each order, up to the last one; `table` is the phase's delay by a reflection
+    `loudness` has strengths up to the last order; `table` is the phase's delay by a reflection
     over the cosine of incidence, empty where there is none, and `own` what each wall adds, empty where it adds nothing;
     `storey` as in `trace_paths`.
     """
-    slant, columns, order = derive or len(table) > 0, sums.edge_x.shape[1], len(strengths)
+    slant, columns = derive or len(table) > 0 or is_directed(loudness), sums.edge_x.shape[1]
+    order = len(loudness.strengths)
     paths, n = room_for_paths(order), len(reflection)
     size = len(paths.half)
     room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
@@ -138,7 +130,8 @@ def add_up(
         count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
         for m in range(count):
             far = paths.half[m] >= 2.0 * heard.step
-            room.b[m] = _amplitude(paths, m, heard.spreading, reflection, strengths) if far else 0.0
+            room.b[m] = amplitude(
+                paths, m, heard.spreading, reflection, heard.yaw[i], loudness) if far else 0.0
             room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m] + _delay(paths, m, table, own))
             if columns:
                 _fill_delays(paths, m, room.delays)
@@ -146,7 +139,7 @@ def add_up(
             _gather_slopes(paths, count, n, room.slopes)
             room.near[:count] = 0.0
             room.spread[:count] = 0.0
-        _add_ping(paths, count, n, heard, i, derive, room, sums)
+        _add_ping(paths, count, n, heard, i, derive, loudness.lean, room, sums)
         for m in range(count if derive else 0):
             _add_information(sums.p[i], sums.information[i], paths, m, room.slopes[m], room.near[m], room.spread[m])
             for k in range(columns):
@@ -155,7 +148,7 @@ def add_up(
 
 @kernel
 def _add_ping(
-    paths: Paths, count: int, n: int, heard: Echoes, i: int, derive: bool, room: _Room, sums: Sums
+    paths: Paths, count: int, n: int, heard: Echoes, i: int, derive: bool, lean: float, room: _Room, sums: Sums
 ) -> None:
     """A ping's u, v and x, and what its paths have to do with each other."""
     half, b, turn, step, carrier = paths.half, room.b, room.turn, heard.step, heard.carrier
@@ -167,6 +160,7 @@ def _add_ping(
         if b[m] == 0.0:
             continue
         value, rate = cubic(heard.signal[i], half[m] / step)
+        value += 1j * lean * half[m] / step * rate
         u += value * turn[m]
         v += b[m] * b[m]
         if derive:
@@ -181,6 +175,7 @@ def _add_ping(
             if lag > reach:
                 break
             psi, psi_rate = cubic(heard.baseband, lag / step + 2.0)
+            psi += 1j * lean * (half[m] + half[other]) / step * psi_rate
             wave = turn[m] * turn[other].conjugate()
             both = (psi * wave).real
             v += 2.0 * both
@@ -295,30 +290,31 @@ def _add_information(
 
 @kernel
 def predict(
-    sides: Sides, strengths: NDArray[np.float64], heard: Echoes, cell: float,
+    sides: Sides, loudness: Loudness, heard: Echoes, cell: float,
     reflection: NDArray[np.float64], table: NDArray[np.float64], own: NDArray[np.float64],
     storey: NDArray[np.float64], amplitudes: NDArray[np.complex128], out: NDArray[np.complex128],
 ) -> None:
-    """Add the waveform to every ping's cells, `cell` apart; `strengths`, `table`, `own`, `storey` as in `add_up`.
+    """Add the waveform to every ping's cells, `cell` apart; `loudness`, `table`, `own`, `storey` as in `add_up`.
 
     `out` has the shape (layers, N, cells): echoes of the first order, of the second and so on, in the last of them
     those of all that are left.
     """
-    order = len(strengths)
+    order, slant = len(loudness.strengths), len(table) > 0 or is_directed(loudness)
     paths = room_for_paths(order)
     half = paths.half
     reach = (len(heard.baseband) - 5) * heard.step
     on = _turn(2.0 * heard.carrier * cell)
     for i in range(len(heard.ends)):
-        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, len(table) > 0, storey,
-                            paths)
+        count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
         for m in range(count):
-            b = amplitudes[i] * _amplitude(paths, m, heard.spreading, reflection, strengths)
+            b = amplitudes[i] * amplitude(paths, m, heard.spreading, reflection, heard.yaw[i], loudness)
             low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
             turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]) - _delay(paths, m, table, own))
+            leaning = loudness.lean * half[m] / heard.step
             layer = min(paths.hits[m] + paths.bounces[m], len(out)) - 1
             for j in range(low, min(high, out.shape[2] - 1) + 1):
                 lag = j * cell - half[m]
-                psi, _ = cubic(heard.baseband, abs(lag) / heard.step + 2.0)
+                psi, rate = cubic(heard.baseband, abs(lag) / heard.step + 2.0)
+                psi += 1j * leaning * rate
                 out[layer, i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
                 turned *= on

@@ -29,7 +29,7 @@ from polymap_ros.solvers.evidence.climb import climb
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import COMMON, REAL, EdgePhase
 from polymap_ros.solvers.evidence.likelihood import Slopes
-from polymap_ros.solvers.evidence.tuning import FULL_ORDER
+from polymap_ros.solvers.evidence.loudness import PLAIN, Loudness
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.wave_sums import Echoes, Sums, add_up, predict
 
@@ -58,9 +58,8 @@ class Wave:
         Derivatives, if they were asked for.
     edge : EdgePhase
         What every reflection delays the phase by.
-    strengths : ndarray, shape (FULL_ORDER,)
-        What the echoes of each order count for: more or less than one where walls of one coefficient each do not say
-        how they decay.
+    loudness : Loudness
+        What echoes count for by order, direction and length, beside what walls take.
     storey : Storey
         Floor and ceiling.
     """
@@ -71,7 +70,7 @@ class Wave:
     amplitudes: NDArray[np.float64]
     slopes: Slopes | None = None
     edge: EdgePhase = REAL
-    strengths: NDArray[np.float64] = field(default_factory=lambda: np.ones(FULL_ORDER))
+    loudness: Loudness = PLAIN
     storey: Storey = field(default_factory=Storey)
 
     @property
@@ -108,7 +107,7 @@ class WaveformLikelihood:
     def __init__(self, data: EchoData) -> None:
         self.data, pulse = data, data.pulse
         self._heard = Echoes(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, pulse.step_m,
-                            pulse.carrier, pulse.baseband, pulse.curvature)
+                            pulse.carrier, pulse.baseband, pulse.curvature, np.ascontiguousarray(data.poses[:, 2]))
 
     def begun(self, walls: Walls, edge: EdgePhase = REAL, storey: Storey | None = None) -> Wave:
         """Return signed coefficients and the device's phase, from the first-order echoes alone; not evaluated.
@@ -161,7 +160,7 @@ class WaveformLikelihood:
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0) / v
         value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior(walls.delay)
         slopes = _slopes(sums, v, amplitudes, phase) if derive else None
-        return Wave(walls, phase, value, amplitudes, slopes, like.edge, like.strengths, like.storey)
+        return Wave(walls, phase, value, amplitudes, slopes, like.edge, like.loudness, like.storey)
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
         """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
@@ -206,13 +205,13 @@ class WaveformLikelihood:
                     np.zeros((pings, size)), np.zeros((pings, size, size)), np.zeros((pings, more), complex),
                     np.zeros((pings, more)), np.zeros((pings, more)), np.zeros((pings, more, more)),
                     np.zeros((pings, size, more)))
-        add_up(sides, like.strengths[:order], self._heard, walls.reflection, like.edge.table,
+        add_up(sides, like.loudness.up_to(order), self._heard, walls.reflection, like.edge.table,
                like.edge.own(walls.delay), like.storey.images(order, self.data.level), derive, sums)
         return sums
 
     def residual_power(self, wave: Wave, order: int) -> NDArray[np.float64]:
         """Return half the squared magnitude of what the waveform leaves, on the cells of `data.power`."""
-        return self._left(self._on_cells() - self._predicted(wave, wave.strengths[:order], 1)[0])
+        return self._left(self._on_cells() - self._predicted(wave, wave.loudness.strengths[:order], 1)[0])
 
     def by_order(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the strengths (order,) of the echoes of each order that fit best, none below 0, and what they leave.
@@ -234,7 +233,7 @@ class WaveformLikelihood:
     def left_without_carrier(self, wave: Wave) -> NDArray[np.complex128]:
         """Return what a waveform leaves of the signal, without the carrier, on the cells of `data.power`."""
         ranges = self.data.cell_m * np.arange(self.data.power.shape[1])
-        left = self._on_cells() - self._predicted(wave, wave.strengths, 1)[0]
+        left = self._on_cells() - self._predicted(wave, wave.loudness.strengths, 1)[0]
         return np.asarray(left * np.exp(-2j * self.data.pulse.carrier * ranges))
 
     def _on_cells(self) -> NDArray[np.complex128]:
@@ -248,7 +247,8 @@ class WaveformLikelihood:
         """The same as the walls predict it, order by order up to the last of the layers."""
         _, sides = self._sides(wave.walls)
         predicted = np.zeros((layers, *self.data.power.shape), complex)
-        predict(sides, strengths, self._heard, self.data.cell_m, wave.walls.reflection, wave.edge.table,
+        loudness = wave.loudness._replace(strengths=strengths)
+        predict(sides, loudness, self._heard, self.data.cell_m, wave.walls.reflection, wave.edge.table,
                 wave.edge.own(wave.walls.delay), wave.storey.images(len(strengths), self.data.level),
                 wave.amplitudes * np.exp(1j * wave.phase), predicted)
         return predicted

@@ -15,5 +15,6 @@ def weigh_orders(ground: Ground, standing: Standing) -> Wave | None:
         return None
     ground.checkpoint()
     strengths, _ = ground.wave.by_order(wave, FULL_ORDER)
-    weighed = ground.wave.refine(replace(wave, strengths=strengths, slopes=None), FULL_ORDER)
+    loudness = wave.loudness._replace(strengths=strengths)
+    weighed = ground.wave.refine(replace(wave, loudness=loudness, slopes=None), FULL_ORDER)
     return weighed if weighed is not None and weighed.value > ORDERS_WORTH * wave.value else None

@@ -1,0 +1,80 @@
+"""A device that is louder in some directions, a medium that takes something on the way: four numbers for all echoes."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.loudness import Loudness
+from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER, LOUDNESS_FROM, LOUDNESS_WORTH
+from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
+
+_DIFFERENCES = {'ahead': 0.01, 'left': 0.01, 'loss': 0.01, 'lean': 1e-4}
+"""Differences by which derivatives are taken: echoes are linear in them to a hundredth."""
+
+_REFLECTED = 0.01
+"""The same of the logarithm of what all walls reflect."""
+
+_ALLOWED = {'ahead': (-0.7, 0.7), 'left': (-0.7, 0.7), 'loss': (-0.2, 5.0), 'lean': (-0.002, 0.01)}
+"""Beyond these a number stands for something else: a beam that leaves out half of the plane, a medium that gives."""
+
+_FITTED_TIMES = 3
+"""Steps of Gauss and Newton: the fourth changes the value by less than a nat."""
+
+
+def hear_louder(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with directions and losses that fit it best, where these are worth clearly more."""
+    wave = standing.wave
+    if standing.explained < LOUDNESS_FROM or ground.as_modelled(wave) > ALL_EXPLAINED:
+        return None
+    found: Wave | None = wave
+    for _ in range(_FITTED_TIMES):
+        ground.checkpoint()
+        found = found and ground.wave.evaluate(found.walls, _fitted(ground.wave, found), FULL_ORDER)
+    louder = found and ground.wave.refine(found, FULL_ORDER)
+    return louder if louder is not None and louder.value > LOUDNESS_WORTH * wave.value else None
+
+
+def _fitted(likelihood: WaveformLikelihood, wave: Wave) -> Wave:
+    """Return the waveform after a step of Gauss and Newton by the four numbers, each ping's amplitude free.
+
+    So is what all walls reflect, which a loss is near to.
+    """
+    left = likelihood.left_without_carrier(wave)
+    heard = likelihood.left_without_carrier(replace(wave, amplitudes=np.zeros_like(wave.amplitudes)))
+    predicted = _unit(heard - left)
+    moved = [(step, _with(wave, {name: getattr(wave.loudness, name) + step})) for name, step in _DIFFERENCES.items()]
+    moved.append((_REFLECTED, _reflecting(wave, 1.0 + _REFLECTED)))
+    columns = [_beside(predicted, (left - likelihood.left_without_carrier(other)) / step).ravel()
+               for step, other in moved]
+    square = np.real(np.conj(columns) @ np.array(columns).T)
+    along = np.real(np.conj(columns) @ _beside(predicted, left).ravel())
+    *step, reflected = np.linalg.lstsq(square, along, rcond=1e-9)[0]
+    values = {name: float(np.clip(getattr(wave.loudness, name) + more, *_ALLOWED[name]))
+              for name, more in zip(_DIFFERENCES, step, strict=True)}
+    return _with(_reflecting(wave, float(np.exp(reflected))), values)
+
+
+def _with(wave: Wave, numbers: dict[str, float]) -> Wave:
+    """Return the waveform with some of the numbers changed, not evaluated."""
+    changed = {**wave.loudness._asdict(), **numbers}
+    return replace(wave, loudness=Loudness(**changed), slopes=None)
+
+
+def _reflecting(wave: Wave, factor: float) -> Wave:
+    """Return the waveform with all coefficients multiplied, not evaluated."""
+    return wave.with_walls(replace(wave.walls, reflection=factor * wave.walls.reflection))
+
+
+def _unit(waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return pings (N, n) with a norm of 1, or 0."""
+    norm = np.linalg.norm(waveforms, axis=1, keepdims=True)
+    return np.asarray(waveforms / np.maximum(norm, 1e-300))
+
+
+def _beside(unit: NDArray[np.complex128], waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return what of pings (N, n) is not a real multiple of others of norm 1."""
+    share = np.real(np.sum(np.conj(unit) * waveforms, axis=1, keepdims=True))
+    return np.asarray(waveforms - share * unit)
