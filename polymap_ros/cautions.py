@@ -130,7 +130,8 @@ CAUTIONS = {
         'record again with turns, and with walls near by on all sides'),
     'pulse_adapted': Kind(
         'calibration', 'the map is made with a pulse that was fitted to the echoes, not with the one that was given',
-        'from now on: -p pulse.kind:=file -p pulse.path:=pulse.npy (of the results)'),
+        'from now on: polymap_replay --fit-pulse, which writes pulse.npy; then -p pulse.kind:=file -p '
+        'pulse.path:=pulse.npy'),
     'direct_wave': Kind(
         'calibration', 'what the wave from emitter to receiver tells of the time zero',
         'rely on what the echoes tell of echo.t0_s'),

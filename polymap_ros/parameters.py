@@ -76,8 +76,8 @@ class PulseParameters(Group):
                                     maximum=2e9)
     duration_s: float = parameter(0.0, 'length of the sweep (chirp)', unit='s', minimum=0.0, maximum=1000.0)
     path: str = parameter('', "recorded pulse, .npy or .wav at the echoes' sample rate (file)", is_path=True)
-    adapt: str = parameter('auto', 'auto: where the echoes do not fit the pulse, polymap_replay looks for one that '
-                           'they fit, of tone burst or chirp; off: it does not', choices=('auto', 'off'))
+    adapt: str = parameter('auto', 'auto: where the echoes do not fit the pulse, the evidence solver looks for one '
+                           'that they fit, of tone burst or chirp; off: it does not', choices=('auto', 'off'))
 
     def check(self) -> None:
         if self.kind == 'chirp':

@@ -45,25 +45,26 @@ def told(session: 'Session', result: 'Fit | Refusal') -> 'Caution':
                    f'next time: {" ".join(overrides(result))}, or --params-file calibration.yaml')
 
 
-def pulse_found(session: 'Session', name: str, starts: int = 3) -> 'FittedPulse | Refusal':
+def pulse_found(session: 'Session', name: str) -> 'FittedPulse | Refusal':
     """The pulse that the echoes fit."""
     from polymap_ros.calibration.pulse_fit import fitted_pulse
 
-    return console.worked(lambda checkpoint: fitted_pulse(session.watched(checkpoint), starts), f'{name}: pulse')
+    return console.worked(lambda checkpoint: fitted_pulse(session.watched(checkpoint)), f'{name}: pulse')
 
 
 def pulse_told(session: 'Session', result: 'FittedPulse | Refusal') -> 'Caution':
     """What the user has to know about it."""
     from polymap_ros.calibration.stages import Refusal
     from polymap_ros.cautions import Caution
+    from polymap_ros.results.folder import PULSE
 
     if isinstance(result, Refusal):
         return Caution('not_calibrated', 'the map is made with the pulse that was given, since nothing better was '
                                          f'found: {result.reason}', result.remedy)
-    return Caution('pulse_adapted', f'the map is made with a pulse that was fitted to the echoes, of '
-                                    f'{1e6 * result.recorded.duration_s:.0f} us at {1e-6 / result.recorded.period_s:g} '
-                                    f"MHz: with it {result.explained:.1%} of the echoes' power is explained; all walls "
-                                    'may be off together by some tenths of a millimetre')
+    size = f'{1e6 * result.recorded.duration_s:.0f} us at {1e-6 / result.recorded.period_s:g} MHz'
+    return Caution('pulse_adapted', f'the map is made with a pulse that was fitted to the echoes, of {size}: with it '
+                                    f"{min(result.explained, 1.0):.1%} of the echoes' power is explained",
+                   f'from now on: -p pulse.kind:=file -p pulse.path:={PULSE} (of the results)')
 
 
 def checked(session: 'Session', estimate: 'Estimate', name: str) -> 'list[Caution]':

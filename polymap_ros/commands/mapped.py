@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from polymap_ros.solvers.estimate import Candidate, Estimate
 
 PROGRAM = 'polymap_replay'
-_ASKED_FOR, _UNASKED = 3, 1
-"""Starts from which a pulse is looked for: each takes 4 to 70 s."""
-
 T = TypeVar('T')
 
 
@@ -68,7 +65,6 @@ class Mapped:
 
 def map_recording(recording: 'Recording', parameters: Parameters, arguments: argparse.Namespace) -> Mapped:
     """Hear the recording, calibrate where that is asked for, solve, and check what is in doubt."""
-    from polymap_ros.calibration.diagnosis import doubtful
     from polymap_ros.calibration.pulse_fit import FittedPulse
     from polymap_ros.calibration.stages import Fit
     from polymap_ros.cautions import of_the_first_stage
@@ -91,15 +87,14 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
             parameters = parameters.replaced(fit.values)
             mapper, replay, tape = _heard(recording, parameters, interval_s)
     estimate = console.worked(mapper.solve, f'{name}: solving')
-    if what == 'pulse' or (not noted and _may_adapt(parameters) and doubtful(estimate)):
+    if what == 'pulse':
         session = tape.session(read_pulse(parameters))
-        result = calibrating.pulse_found(session, name, _ASKED_FOR if what else _UNASKED)
+        result = calibrating.pulse_found(session, name)
         if isinstance(result, FittedPulse):
             parameters = parameters.replaced({'pulse.kind': 'file', 'pulse.path': PULSE})
             pulse, (mapper, replay, tape) = result, _heard(recording, parameters, interval_s, result.recorded)
             estimate = console.worked(mapper.solve, f'{name}: solving')
-        if what or pulse:
-            noted.append(calibrating.pulse_told(session, result))
+        noted.append(calibrating.pulse_told(session, result))
     if not noted:
         noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
     if mapper.plane and not mapper.plane.is_xy:
@@ -109,12 +104,6 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
     estimate = dataclasses.replace(estimate, cautions=of_the_first_stage(estimate.cautions, cautions))
     return Mapped(recording, replay, mapper, parameters, estimate, cautions, fit if isinstance(fit, Fit) else None,
                   pulse, truth, true_path, true_inside)
-
-
-def _may_adapt(parameters: Parameters) -> bool:
-    """Whether a pulse may be looked for that nobody asked for; a map that is gone on from has its own."""
-    return (parameters.pulse.adapt == 'auto' and parameters.pulse.kind != 'file' and parameters.echo.kind == 'rf'
-            and parameters.solver.method == 'evidence' and not parameters.output.load_path)
 
 
 def _of_truth(read: Callable[[Path], T | None], path: Path) -> T | None:

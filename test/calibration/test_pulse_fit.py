@@ -12,14 +12,13 @@ from polymap_ros.acoustics.pulse import RecordedPulse
 from polymap_ros.calibration.pulse_fit import FittedPulse, fitted_pulse
 from polymap_ros.calibration.session import Tape
 from polymap_ros.calibration.stages import Refusal
-from polymap_ros.commands import calibrating, replay
+from polymap_ros.commands import replay
 from polymap_ros.commands.simulate import record
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
-from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.waveforms import emitted, simulate
 
 
@@ -30,7 +29,6 @@ def taped(scene, **changes):
     return tape.session()
 
 
-@pytest.mark.heavy
 def test_the_pulse_of_a_transducer_is_found_and_the_walls_with_it():
     scene = VARIANTS['q_5'].make(104, 4)
     session = taped(scene)
@@ -53,7 +51,7 @@ def test_what_has_no_pulse_or_no_walls_is_refused_by_name():
     scene = dataclasses.replace(VARIANTS['plate'].make(104, 4), poses=VARIANTS['plate'].make(104, 4).poses[:12])
     assert 'magnitudes' in fitted_pulse(taped(scene, **{'echo.kind': 'envelope'})).reason
     noise = dataclasses.replace(scene, snr_db=-60.0)
-    refused = fitted_pulse(taped(noise), starts=1)
+    refused = fitted_pulse(taped(noise))
     assert isinstance(refused, Refusal)
 
 
@@ -93,21 +91,9 @@ def test_pings_by_which_nothing_can_be_fitted_are_no_error(fault):
     for stamp_ns, (pose, row) in enumerate(zip(poses.tolist(), samples, strict=True)):
         mapper.add_pose(stamp_ns, Pose(*pose))
         mapper.add_ping(Ping(stamp_ns, row, scene.period_s))
-    assert isinstance(fitted_pulse(tape.session(), starts=1), Refusal | FittedPulse)
+    assert isinstance(fitted_pulse(tape.session()), Refusal | FittedPulse)
 
 
 def test_it_is_asked_for_alone(capsys):
     assert replay.main(['none', '--fit-pulse', '--calibrate']) == 2
     assert '--fit-pulse is not for a run with --calibrate' in capsys.readouterr().err
-
-
-def test_it_is_looked_for_where_nobody_said_that_it_is_right(tmp_path, monkeypatch):
-    scene = dataclasses.replace(load_scene('triangle'), snr_db=-60.0)  # nothing but noise: in doubt
-    record(scene, tmp_path / 'run.mcap')
-    asked = []
-    monkeypatch.setattr(calibrating, 'pulse_found', lambda *_: asked.append('pulse') or Refusal('nothing'))
-    monkeypatch.setattr(calibrating, 'checked', lambda *_: [])
-    for number, adapt in enumerate(('auto', 'off')):
-        output = tmp_path / f'out{number}'
-        replay.main([str(tmp_path / 'run.mcap'), '--output', str(output), '-p', f'pulse.adapt:={adapt}'])
-        assert asked == ['pulse']

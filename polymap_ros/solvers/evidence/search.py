@@ -15,7 +15,7 @@ from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
-from polymap_ros.solvers.evidence.edge_phase import laws
+from polymap_ros.solvers.evidence.edge_phase import EdgePhase, laws
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
@@ -134,9 +134,10 @@ INSIDE: Schedule = (
 class Search(Ground):
     """A search: it ends with the waveform, if `coherent`, and with power alone otherwise."""
 
-    def over(self, data: EchoData) -> 'Search':
-        """Return the same search over other data."""
-        other = Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint, self.edges)
+    def over(self, data: EchoData, edges: Sequence[EdgePhase] = ()) -> 'Search':
+        """Return the same search over other data, and by other laws where these are given."""
+        other = Search(data, self.max_edges, self.generator, self.coherent, self.dispersed, self.checkpoint,
+                       edges or self.edges)
         other.approximate = self.approximate
         return other.between(self.nothing.storey, self.nothing.strength) if len(self.nothing.storey) else other
 

@@ -12,14 +12,16 @@ from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.estimate import Estimate
-from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard
+from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard, pulse_adapted
 from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.drift import Follower, begun
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, spectral_misfit
 from polymap_ros.solvers.evidence.horizon import up_to_sides
 from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
+from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
@@ -46,6 +48,11 @@ not explain."""
 
 _TRACKED_FROM = 8
 """Pings from which that is tried, a window of them."""
+
+_ANOTHER_PULSE = 0.2
+"""Np by which the echoes' spectrum differs from the pulse's from which another one is looked for. It is 0.02 to 0.05 in
+plates, rooms, other media, a second mode and under drift, 0.12 at -10 dB, 0.06 to 0.15 where a metre takes 0.35 Np;
+with transducers of Q 3, 5 and 10 it is 0.43, 0.6 and 0.8 (each five scenes, even seeds)."""
 
 _DROWNED = 0.3
 """Uncertainty of the share explained from which echoes are too weak for a window of them to tell anything."""
@@ -85,17 +92,18 @@ class EvidenceSolver:
         self._cut_off = False
         self._unheard: dict[int, float] = {}  # corners that no echo has been near, and how much may be missing [m]
         self._drift = Follower()
+        self._pulse: HeardPulse | None = None  # the one that the echoes have, where that is not the one that was given
         self._untracked = False  # poses were tried, and none found
         self._unsure_ring: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
 
     def state(self) -> dict[str, NDArray[np.generic]]:
-        """Return what cannot be found again from the evidence: the poses, as arrays."""
-        return self._drift.state()
+        """Return what cannot be found again from the evidence, the poses and the pulse, as arrays."""
+        return self._drift.state() | (self._pulse.state() if self._pulse else {})
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
-        self._drift = Follower.restored(state)
+        self._drift, self._pulse = Follower.restored(state), HeardPulse.restored(state)
 
     def solve(self, evidence: Evidence, checkpoint: Checkpoint = unwatched) -> Estimate:
         """Return the polygon that explains the echoes that are kept, or what is certain where none does."""
@@ -104,6 +112,8 @@ class EvidenceSolver:
         if kept < MIN_PINGS:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(too_few_pings(kept),))
         reported = search_of(evidence, self._parameters, checkpoint)
+        if self._pulse is not None:
+            reported = self._pulse.over(reported)
         chain = Chain.of(evidence.heard, reported.data, OdometryNoise.assumed(self._parameters.slam))
         straight = _straight(snapshot)
         checkpoint()
@@ -118,6 +128,8 @@ class EvidenceSolver:
         findings = dataclasses.replace(findings, cut_off=self._cut_off, unheard=self._unheard)
         joint = known(track.with_found(found), chain) if track else None
         answer = findings.concluded(found, other, joint.walls if joint else None)
+        if self._pulse is not None:
+            answer = dataclasses.replace(answer, cautions=(*answer.cautions, pulse_adapted(found.explained)))
         if track is None or joint is None or (straight and answer.status == 'open'):
             return answer
         path = trajectory_of(track, chain, joint)
@@ -148,6 +160,8 @@ class EvidenceSolver:
         if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best, track
         self._searched = heard
+        if (own := None if in_vain or self._drift.on else self._adapted(reported)) is not None:
+            return own.search, own.found, None
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
         tried = -np.inf  # what the outline was worth in which inner walls were looked for
@@ -205,6 +219,17 @@ class EvidenceSolver:
         """
         asked_for = self._parameters.solver.outline == 'auto'
         return asked_for and search.coherent and IS_COMPILED and len(search.data.positions) >= _RINGS_FROM
+
+    def _adapted(self, reported: Search) -> Adapted | None:
+        """What is found by another pulse, where the echoes' spectrum is not that of the one that was given."""
+        asked_for = self._parameters.pulse.adapt == 'auto' and self._parameters.pulse.kind != 'file'
+        if not (asked_for and reported.coherent and self._pulse is None):
+            return None
+        if spectral_misfit(reported.data) < _ANOTHER_PULSE:
+            return None
+        own = adapted(reported, ALL_EXPLAINED - reported.uncertainty / 3.0)
+        self._pulse = own and own.pulse
+        return own
 
     def _storey(self, reported: Search) -> tuple[Storey, float]:
         """Floor and ceiling that all pings hear, of a room, and the strength of their echoes; a plate has none."""

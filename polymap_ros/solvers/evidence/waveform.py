@@ -232,9 +232,13 @@ class WaveformLikelihood:
 
     def left_without_carrier(self, wave: Wave) -> NDArray[np.complex128]:
         """Return what a waveform leaves of the signal, without the carrier, on the cells of `data.power`."""
+        return self.without_carrier() - self.without_carrier(wave)
+
+    def without_carrier(self, wave: Wave | None = None) -> NDArray[np.complex128]:
+        """Return what is heard, or what a waveform predicts, without the carrier, on the cells of `data.power`."""
         ranges = self.data.cell_m * np.arange(self.data.power.shape[1])
-        left = self._on_cells() - self._predicted(wave, wave.loudness.strengths, 1)[0]
-        return np.asarray(left * np.exp(-2j * self.data.pulse.carrier * ranges))
+        signal = self._on_cells() if wave is None else self._predicted(wave, wave.loudness.strengths, 1)[0]
+        return np.asarray(signal * np.exp(-2j * self.data.pulse.carrier * ranges))
 
     def _on_cells(self) -> NDArray[np.complex128]:
         """The signal on the cells of `data.power`."""

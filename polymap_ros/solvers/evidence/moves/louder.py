@@ -11,7 +11,7 @@ from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER, LOUDNESS_FROM, LOUDNESS_WORTH
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
-_DIFFERENCES = {'ahead': 0.01, 'left': 0.01, 'loss': 0.01, 'lean': 1e-4}
+DIFFERENCES = {'ahead': 0.01, 'left': 0.01, 'loss': 0.01, 'lean': 1e-4}
 """Differences by which derivatives are taken: echoes are linear in them to a hundredth."""
 
 _REFLECTED = 0.01
@@ -42,25 +42,22 @@ def _fitted(likelihood: WaveformLikelihood, wave: Wave) -> Wave:
 
     So is what all walls reflect, which a loss is near to.
     """
-    left = likelihood.left_without_carrier(wave)
-    heard = likelihood.left_without_carrier(replace(wave, amplitudes=np.zeros_like(wave.amplitudes)))
-    predicted = _unit(heard - left)
-    moved = [(step, _with(wave, {name: getattr(wave.loudness, name) + step})) for name, step in _DIFFERENCES.items()]
+    whole = likelihood.without_carrier(wave)
+    left, predicted = likelihood.without_carrier() - whole, unit(whole)
+    moved = [(step, louder_by(wave, {name: step})) for name, step in DIFFERENCES.items()]
     moved.append((_REFLECTED, _reflecting(wave, 1.0 + _REFLECTED)))
-    columns = [_beside(predicted, (left - likelihood.left_without_carrier(other)) / step).ravel()
-               for step, other in moved]
+    columns = [beside(predicted, (likelihood.without_carrier(other) - whole) / step).ravel() for step, other in moved]
     square = np.real(np.conj(columns) @ np.array(columns).T)
-    along = np.real(np.conj(columns) @ _beside(predicted, left).ravel())
+    along = np.real(np.conj(columns) @ beside(predicted, left).ravel())
     *step, reflected = np.linalg.lstsq(square, along, rcond=1e-9)[0]
-    values = {name: float(np.clip(getattr(wave.loudness, name) + more, *_ALLOWED[name]))
-              for name, more in zip(_DIFFERENCES, step, strict=True)}
-    return _with(_reflecting(wave, float(np.exp(reflected))), values)
+    return louder_by(_reflecting(wave, float(np.exp(reflected))), dict(zip(DIFFERENCES, step, strict=True)))
 
 
-def _with(wave: Wave, numbers: dict[str, float]) -> Wave:
-    """Return the waveform with some of the numbers changed, not evaluated."""
-    changed = {**wave.loudness._asdict(), **numbers}
-    return replace(wave, loudness=Loudness(**changed), slopes=None)
+def louder_by(wave: Wave, steps: dict[str, float]) -> Wave:
+    """Return the waveform with some of the numbers changed by steps, within what is allowed, not evaluated."""
+    numbers = wave.loudness._asdict()
+    numbers |= {name: float(np.clip(numbers[name] + more, *_ALLOWED[name])) for name, more in steps.items()}
+    return replace(wave, loudness=Loudness(**numbers), slopes=None)
 
 
 def _reflecting(wave: Wave, factor: float) -> Wave:
@@ -68,13 +65,13 @@ def _reflecting(wave: Wave, factor: float) -> Wave:
     return wave.with_walls(replace(wave.walls, reflection=factor * wave.walls.reflection))
 
 
-def _unit(waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def unit(waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return pings (N, n) with a norm of 1, or 0."""
     norm = np.linalg.norm(waveforms, axis=1, keepdims=True)
     return np.asarray(waveforms / np.maximum(norm, 1e-300))
 
 
-def _beside(unit: NDArray[np.complex128], waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def beside(unit: NDArray[np.complex128], waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return what of pings (N, n) is not a real multiple of others of norm 1."""
     share = np.real(np.sum(np.conj(unit) * waveforms, axis=1, keepdims=True))
     return np.asarray(waveforms - share * unit)

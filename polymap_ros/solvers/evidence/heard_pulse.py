@@ -1,0 +1,158 @@
+"""The pulse that echoes have where it is not the nominal one: a filter of that, and echoes heard by it.
+
+With psi the compressed nominal pulse, an echo from range d is sum_l h_l psi(r - d - rho_l) after eq. (3), the taps h_l
+at ranges rho_l being complex: a filter of any strength and phase over the band, as a transducer that rings is. To hear
+by the true pulse is to correlate with the taps once more; then the compressed pulse is psi, correlated and convolved
+with them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.hearing.pulse_shape import PulseShape
+from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.search import Search
+
+AFTER_CYCLES = 15.0
+"""Cycles of range from the nominal pulse to the last of the taps: a transducer of Q 10 rings for 13."""
+
+_IN_BAND = 0.1
+"""Share of the nominal pulse's strength from which a frequency is in its band."""
+
+_SEEN = 1e-3
+"""Share of the greatest strength below which it is noise that is seen."""
+
+_BINS = 16
+"""Parts of the band over which powers are added up, to tell a misfit."""
+
+_PADDED_TIMES = 4
+"""The spectrum's points over the signal's."""
+
+_PADDED = 8
+"""Steps beyond the pulse that its derivatives reach."""
+
+
+@dataclass(frozen=True, eq=False)
+class HeardPulse:
+    """The filter between the nominal pulse and the true one.
+
+    Parameters
+    ----------
+    taps : ndarray, shape (L,), complex
+        h_l, beside the carrier of the nominal pulse.
+    first, apart : int
+        Steps of the signal's axis to the first of them, and from one to the next.
+    law : int
+        By which of the laws that the search knows reflections turn the phase: with another one, the pulse is another.
+    """
+
+    taps: NDArray[np.complex128]
+    first: int = 0
+    apart: int = 1
+    law: int = 0
+
+    @cached_property
+    def _whole(self) -> NDArray[np.complex128]:
+        """The taps at every step."""
+        whole = np.zeros((len(self.taps), self.apart), complex)
+        whole[:, 0] = self.taps
+        return whole.ravel()[:whole.size - self.apart + 1]
+
+    def over(self, search: Search) -> Search:
+        """Return the search over what is heard by this pulse, its law first, no delay head on being free."""
+        known = list(search.edges)
+        laws = [known.pop(self.law), *known]
+        return search.over(self.heard(search.data), tuple(law.as_pinned() for law in laws))
+
+    def heard(self, data: EchoData) -> EchoData:
+        """Return the pings heard by the true pulse, in units of the noise as before."""
+        nominal, n = data.pulse, data.signal.shape[1]
+        pulse, loud = self._compressed(nominal)
+        signal = np.zeros((len(data.signal), n), complex)
+        for lag, value in zip(self.first + self.apart * np.arange(len(self.taps)), self.taps, strict=True):
+            here, there = slice(max(-lag, 0), n - max(lag, 0)), slice(max(lag, 0), n - max(-lag, 0))
+            signal[:, here] += np.conj(value) * data.signal[:, there]
+        ranges = nominal.step_m * np.arange(n)
+        signal *= np.exp(2j * (nominal.carrier - pulse.carrier) * ranges) / np.sqrt(loud)
+        other = replace(data, pulse=pulse).with_signal(signal.astype(np.complex64))
+        return other.up_to(data.range_max_m - len(self._whole) * nominal.step_m)  # beyond, the ringing is cut off
+
+    def _compressed(self, nominal: PulseShape) -> tuple[PulseShape, float]:
+        """The compressed true pulse of the noise's power 1, and what that power was before."""
+        psi = np.convolve(np.convolve(_both_sides(nominal), self._whole), np.conj(self._whole[::-1]))
+        middle = len(psi) // 2
+        loud = float(psi[middle].real)
+        lags = np.arange(-middle, middle + 1)
+        psi = psi / loud * np.exp(2j * nominal.carrier * nominal.step_m * lags)
+        return PulseShape.of(np.pad(psi, _PADDED), nominal.step_m), loud
+
+    def response(self, wavenumber: NDArray[np.float64], nominal: PulseShape) -> NDArray[np.complex128]:
+        """Return the filter at wavenumbers [rad/m]: the true pulse's spectrum over the nominal one's."""
+        ranges = nominal.step_m * (self.first + self.apart * np.arange(len(self.taps)))
+        return np.asarray(np.exp(-2j * np.outer(wavenumber - nominal.carrier, ranges)) @ self.taps)
+
+    def state(self) -> dict[str, NDArray[np.generic]]:
+        """All of it, as arrays."""
+        return {'pulse_taps': self.taps, 'pulse_at': np.array((self.first, self.apart, self.law))}
+
+    @classmethod
+    def restored(cls, state: Mapping[str, NDArray[np.generic]]) -> 'HeardPulse | None':
+        """Return what `state` was made of; None where there was none."""
+        if 'pulse_taps' not in state:
+            return None
+        first, apart, law = (int(value) for value in np.asarray(state['pulse_at']))
+        return cls(np.asarray(state['pulse_taps'], complex), first, apart, law)
+
+
+def spectral_misfit(data: EchoData) -> float:
+    """Return by how much the strength of the echoes' spectrum differs from the nominal pulse's over its band [Np].
+
+    The deviation of its logarithm, by the pulse's energy. Neither walls nor poses count for it.
+    """
+    strength, energy = (np.array([part.sum() for part in np.array_split(each, _BINS)]) for each in _strengths(data)[1:])
+    logarithm = 0.5 * np.log(np.maximum(strength, _SEEN * strength.max()) / energy)
+    mean = energy @ logarithm / energy.sum()
+    return float(np.sqrt(energy @ (logarithm - mean) ** 2 / energy.sum()))
+
+
+def rung(data: EchoData) -> HeardPulse:
+    """Return the filter of least phase whose strength over the band is that of the echoes, which needs no walls.
+
+    A resonance is one of least phase: its strength over frequency tells its phase, and how late it makes the pulse.
+    """
+    frequency, strength, energy = _strengths(data)
+    logarithm = 0.5 * np.log(np.maximum(strength, _SEEN * strength.max()) / energy)
+    size = _PADDED_TIMES * data.signal.shape[1]
+    whole = np.interp(np.fft.fftfreq(size), frequency, logarithm - logarithm.mean())
+    cepstrum = np.fft.ifft(whole)
+    longest = int(AFTER_CYCLES * np.pi / data.pulse.carrier / data.pulse.step_m)
+    cepstrum[1:longest] *= 2.0
+    cepstrum[longest:] = 0.0
+    return HeardPulse(np.fft.ifft(np.exp(np.fft.fft(cepstrum)))[:longest])
+
+
+def _strengths(data: EchoData) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Frequencies in the pulse's band, rising [cycles per step], the echoes' power without the noise there, and the
+    nominal pulse's.
+    """
+    steps = data.signal.shape[1]
+    size = _PADDED_TIMES * steps
+    psi, both = np.zeros(size, complex), _both_sides(data.pulse)
+    psi[np.arange(len(both)) - len(both) // 2] = both
+    spectrum = np.maximum(np.fft.fft(psi).real, 0.0)
+    heard = np.mean(np.abs(np.fft.fft(data.signal, size, axis=1)) ** 2, axis=0).astype(float)
+    power = heard - 2.0 * steps * spectrum
+    frequency = np.asarray(np.fft.fftfreq(size), float)
+    band = np.flatnonzero(spectrum > _IN_BAND * spectrum.max())
+    band = band[np.argsort(frequency[band])]
+    return frequency[band], np.asarray(power[band], float), np.asarray(spectrum[band] ** 2, float)
+
+
+def _both_sides(pulse: PulseShape) -> NDArray[np.complex128]:
+    """psi without its carrier at lags -n ... n."""
+    half = pulse.baseband[2:-2]
+    return np.concatenate((np.conj(half[:0:-1]), half))

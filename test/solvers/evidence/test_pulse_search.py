@@ -1,0 +1,93 @@
+"""The pulse of a transducer that rings, found with the walls, against the one that was simulated."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polymap_ros.evaluation.trials import filled_mapper
+from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.geometry.polygon_error import compare
+from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.simulation.scenes import Scene
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, rung, spectral_misfit
+from polymap_ros.solvers.evidence.search import Search, search_of
+from polymap_ros.solvers.evidence.solver import EvidenceSolver
+
+
+def search_in(scene: Scene) -> Search:
+    mapper = filled_mapper(scene, Parameters())
+    return search_of(mapper.evidence, mapper.parameters)
+
+
+@pytest.fixture(scope='module')
+def ringing():
+    return VARIANTS['q_5'].make(104, 4)
+
+
+@pytest.fixture(scope='module')
+def ringing_data(ringing):
+    return search_in(ringing).data
+
+
+def test_the_echoes_spectrum_tells_a_transducer_that_rings_from_one_that_does_not(ringing_data):
+    assert spectral_misfit(ringing_data) > 0.4
+    for name in ('plate', 'free_edge', 's0_-10db', 'thicker', 'air'):
+        assert spectral_misfit(search_in(VARIANTS[name].make(4, 5)).data) < 0.1
+
+
+def test_one_tap_alone_is_a_delay_and_a_turn():
+    data = search_in(random_scene(4, 5)).data
+    delayed = HeardPulse(np.array((0.0, 0.0, 1.0j)), 0, 2).heard(data)  # 4 steps later, a quarter of a cycle turned
+    inside = slice(200, 1000)
+    turned = np.exp(-2j * (delayed.pulse.carrier - data.pulse.carrier) * data.pulse.step_m * np.arange(200, 1000))
+    expected = -1j * data.signal[:, 204:1004]
+    np.testing.assert_allclose(delayed.signal[:, inside], expected * turned, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(delayed.pulse.width_m, data.pulse.width_m, rtol=1e-3)
+
+
+def test_the_noise_stays_noise_of_the_same_power(ringing_data):
+    quiet = np.random.default_rng(1).normal(size=(60, 2 * ringing_data.signal.shape[1])).view(complex)
+    psi = np.concatenate((np.conj(ringing_data.pulse.baseband[:2:-1]), ringing_data.pulse.baseband[2:]))
+    root = np.sqrt(np.maximum(np.abs(np.fft.fft(psi, 4096)), 0.0))  # noise after eq. (3) has the pulse's spectrum
+    coloured = np.fft.ifft(np.fft.fft(quiet, 4096, axis=1) * root, axis=1)[:, :quiet.shape[1]]
+    data = ringing_data.with_signal((coloured / np.sqrt(0.5 * np.mean(np.abs(coloured) ** 2))).astype(np.complex64))
+    heard = rung(ringing_data).heard(data)
+    middle = heard.power[:, 100:500] - heard.filling[:, None]
+    assert np.mean(middle) == pytest.approx(1.0, abs=0.1)
+
+
+def solved(scene, **changes):
+    mapper = filled_mapper(scene, Parameters())
+    solver = EvidenceSolver(mapper.parameters.replaced(changes))
+    return solver, mapper, solver.solve(mapper.evidence)
+
+
+def test_the_solver_maps_by_the_pulse_that_it_finds_and_goes_on_with_it(ringing):
+    solver, mapper, answer = solved(ringing)
+    assert [each.code for each in answer.cautions] == ['pulse_adapted']
+    off = compare(mapper.solve().polygon.vertices, ringing.vertices)
+    assert off.right
+    assert np.max(np.abs(off.offsets_m)) < 1e-4
+    again = EvidenceSolver(mapper.parameters)
+    again.restore(solver.state())
+    restored = again.solve(mapper.evidence)
+    assert [each.code for each in restored.cautions] == ['pulse_adapted']
+    np.testing.assert_allclose(restored.polygon.vertices, answer.polygon.vertices, atol=1e-4)
+
+
+@pytest.mark.parametrize('name', ['q_5_free_edge', 'mild'])
+def test_with_it_the_law_of_the_edges_and_what_the_device_does_are_found(name):
+    scene = VARIANTS[name].make(104, 4)
+    _, mapper, answer = solved(scene)
+    assert [each.code for each in answer.cautions] == ['pulse_adapted']
+    off = compare(mapper.solve().polygon.vertices, scene.vertices)
+    assert off.right
+    assert np.max(np.abs(off.offsets_m)) < 3e-4
+
+
+def test_a_pulse_that_is_said_to_be_right_is_left(ringing):
+    few = dataclasses.replace(ringing, poses=ringing.poses[:20])
+    _, _, answer = solved(few, **{'pulse.adapt': 'off', 'slam.mode': 'off', 'solver.outline': 'convex'})
+    assert 'pulse_adapted' not in [each.code for each in answer.cautions]
