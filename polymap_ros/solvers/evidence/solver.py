@@ -20,6 +20,7 @@ from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
+from polymap_ros.solvers.evidence.round_holes import fitted_round, with_round_holes
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
@@ -88,6 +89,7 @@ class EvidenceSolver:
         self._untracked = False  # poses were tried, and none found
         self._unsure_ring: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
+        self._circles: NDArray[np.float64] | None = None  # of the last answer's round holes
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Return what cannot be found again from the evidence: the poses, as arrays."""
@@ -108,6 +110,7 @@ class EvidenceSolver:
         straight = _straight(snapshot)
         checkpoint()
         search, self._last, track = self._found(reported, chain, evidence)
+        self._circles = None if search.round_holes is None else search.round_holes.circles
         chain = chain.as_found(track.pings, track.poses) if track else chain
         findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None,
                             self._unsure_ring)
@@ -144,7 +147,7 @@ class EvidenceSolver:
             track = imaged_track(reported, chain, track, enough)
             search, best = track.search, track.found
         elif self._last is not None and (plain := reported.again(self._last)) is not None:
-            search, best = imaged(reported, plain, enough)
+            search, best = self._again_round(reported, *imaged(reported, plain, enough), plain, enough)
         if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best, track
         self._searched = heard
@@ -159,6 +162,7 @@ class EvidenceSolver:
                 if found.value > tried + ANOTHER_POLYGON:
                     tried = found.value
                     search, best = self._with_inner_walls(search, best, enough)
+                    search, best = self._with_round_holes(reported, found, search, best, enough)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
@@ -188,6 +192,28 @@ class EvidenceSolver:
         if found.explained > ALL_EXPLAINED or not self._beyond_convex(search):
             return search, found
         return _explaining(search, found, search, search.with_inner_walls(found), enough)
+
+    def _with_round_holes(
+        self, reported: Search, plain: Found, search: Search, found: Found, enough: float
+    ) -> tuple[Search, Found]:
+        """The answer with round holes, where they explain what the outline leaves."""
+        if _explains(search, found, enough) or not self._beyond_convex(reported):
+            return search, found
+        other, better = with_round_holes(reported, plain, enough)
+        if other is not reported and _explains(other, better, EXPLAINED - other.uncertainty):
+            return other, better
+        return search, found
+
+    def _again_round(
+        self, reported: Search, search: Search, found: Found, plain: Found, enough: float
+    ) -> tuple[Search, Found]:
+        """The last answer, with the round holes that it had, where it had some and they still explain the echoes."""
+        if self._circles is None or plain.wave is None or _explains(search, found, enough):
+            return search, found
+        again = fitted_round(reported, plain, self._circles)
+        if again is not None and _explains(*again, EXPLAINED - again[0].uncertainty):
+            return again
+        return search, found
 
     def _pierced(
         self, reported: Search, plain: Found, search: Search, found: Found, enough: float
