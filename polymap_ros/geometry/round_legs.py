@@ -46,7 +46,7 @@ def reflected_at(
     first = np.arctan2(ay - circle[1], ax - circle[0])
     span = (np.arctan2(by - circle[1], bx - circle[0]) - first + np.pi) % (2.0 * np.pi) - np.pi
     size = abs(span)
-    if near <= radius or far <= radius or np.arccos(radius / near) + np.arccos(radius / far) <= size:
+    if min(near, far) <= radius * (1.0 + _GRAZING) or np.arccos(radius / near) + np.arccos(radius / far) <= size:
         return False, 0.0
     low, high = max(0.0, size - np.arccos(radius / far)), min(size, np.arccos(radius / near))
     below, above = _sines_apart(radius, near, far, low, size), _sines_apart(radius, near, far, high, size)
@@ -71,8 +71,8 @@ def reflected_at(
 def _sines_apart(radius: float, near: float, far: float, turn: float, size: float) -> float:
     """Sine of the angle at which the way from a place comes in, less that at which it goes on to the other."""
     rest = size - turn
-    come = np.sqrt(radius * radius + near * near - 2.0 * radius * near * np.cos(turn))
-    go = np.sqrt(radius * radius + far * far - 2.0 * radius * far * np.cos(rest))
+    come = np.sqrt((near - radius) ** 2 + 4.0 * radius * near * np.sin(0.5 * turn) ** 2)
+    go = np.sqrt((far - radius) ** 2 + 4.0 * radius * far * np.sin(0.5 * rest) ** 2)
     return float(near * np.sin(turn) / come - far * np.sin(rest) / go)
 
 

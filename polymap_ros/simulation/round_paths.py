@@ -22,6 +22,9 @@ from polymap_ros.simulation.reflectors import Reflectors, beside, crossing, pass
 _STILL_RAD = 1e-12
 """Places on circles that move by less are found."""
 
+_ON_CIRCLE = 1e-9
+"""Nearer to a circle than this share of its radius an image is taken to be on it, where no path begins."""
+
 _SWEEPS, _STEPS = 200, 60
 """Rounds over the circles of a path, and steps of a root, at most: a path between two holes needs a dozen and five."""
 
@@ -185,7 +188,7 @@ def _touch(circle: NDArray[np.float64], ax: float, ay: float, bx: float, by: flo
     """
     radius = circle[2]
     near, far = np.hypot(ax - circle[0], ay - circle[1]), np.hypot(bx - circle[0], by - circle[1])
-    if near <= radius or far <= radius:
+    if min(near, far) <= radius * (1.0 + _ON_CIRCLE):
         return False, 0.0
     first = np.arctan2(ay - circle[1], ax - circle[0])
     turn = np.arctan2(by - circle[1], bx - circle[0]) - first
@@ -195,7 +198,7 @@ def _touch(circle: NDArray[np.float64], ax: float, ay: float, bx: float, by: flo
     for _ in range(_STEPS):
         slope, bend = 0.0, 0.0
         for distance, psi in ((near, phi), (far, phi - turn)):
-            square = radius * radius + distance * distance - 2.0 * radius * distance * np.cos(psi)
+            square = (distance - radius) ** 2 + 4.0 * radius * distance * np.sin(0.5 * psi) ** 2
             way, along = np.sqrt(square), radius * distance * np.sin(psi)
             slope += along / way
             bend += radius * distance * np.cos(psi) / way - along * along / (square * way)

@@ -90,3 +90,12 @@ def test_what_a_round_hole_changes_in_a_plate_is_what_the_wave_equation_has():
                      for ends in zip(emitters, receivers, strict=True)])
     np.testing.assert_allclose(rays[:, 0], plain, rtol=1e-3)
     assert (np.abs(rays[:, 1] - pierced) < 0.08 * np.abs(pierced - plain)).all()
+
+
+def test_an_image_on_the_circle_itself_makes_no_path_and_no_error():
+    """Between parallel walls there are such images for some radii."""
+    walls = Reflectors.outline(ROOM)
+    for radius in (0.05, 0.1 + 3e-10, 0.1, 0.125):
+        lengths, amplitudes = heard_paths(walls, [(0.25, 0.2, radius, 1.0)], (0.05, 0.2), (0.05, 0.2), 5)
+        assert np.isfinite(lengths).all()
+        assert (np.abs(amplitudes) <= 1.0 + 1e-9).all()
