@@ -104,11 +104,14 @@ def best_circle(
 ) -> NDArray[np.float64]:
     """Return evidence [nats], centre and radius (4,) of the circle in an outline that first echoes speak for most.
 
-    Centres lie on a grid of `step` [m], radii of `least` to `most` twice as dense; no ping is inside.
+    Centres lie on a grid of `step` [m], within `most` of the pings' box, radii of `least` to `most` twice as dense; no
+    ping is inside.
     """
     best = np.zeros(4)
-    low_x, high_x = np.min(corners[:, 0]) + least, np.max(corners[:, 0]) - least
-    low_y, high_y = np.min(corners[:, 1]) + least, np.max(corners[:, 1]) - least
+    low_x = max(np.min(corners[:, 0]) + least, np.min(feet.positions[:, 0]) - most)
+    low_y = max(np.min(corners[:, 1]) + least, np.min(feet.positions[:, 1]) - most)
+    high_x = min(np.max(corners[:, 0]) - least, np.max(feet.positions[:, 0]) + most)
+    high_y = min(np.max(corners[:, 1]) - least, np.max(feet.positions[:, 1]) + most)
     away = np.empty(len(feet.positions))
     for ix in range(int((high_x - low_x) / step) + 1):
         for iy in range(int((high_y - low_y) / step) + 1):

@@ -34,10 +34,10 @@ _BEND_STRENGTH = 0.5
 _MIDDLE_WIDTHS = 0.6
 """Pulse widths between the middles that are tried."""
 
-_ROUND_FROM = 180.0
-"""Evidence [nats] of its first echoes from which a circle is looked into: of eight plates with one or two round holes
-it was 230 to 390, and of what is left without them 30 at most; of plates with a rectangular one, and of L, it was 80 to
-150 (all of even seeds)."""
+_ROUND_FROM, _ROUND_LEFT = 120.0, 60.0
+"""Evidence [nats] of its first echoes from which a circle is looked into, and the most that may be left for another:
+in eight plates with one or two round holes it was 147 to 373, and 30 at most of what is left without them; in plates
+with a rectangular one, and in L, 80 to 150, and no less of what is left (all of even seeds)."""
 
 _PLACE_AROUND_M, _PLACE_STEPS_M = 0.008, (0.002, 0.001, 0.0005, 0.00025)
 """How far from there, and in which steps, the place is sought by the sum of the first echoes."""
@@ -83,15 +83,18 @@ def _by_first_echoes(search: Search, found: Found) -> tuple[NDArray[np.float64],
     """Centres and radii (c, 3) of circles that first echoes speak for, beside an outline, and the search without."""
     fitted, circles = search.power.fitted(found.walls, found.power, SEARCH_ORDER), list[NDArray[np.float64]]()
     _, corners = ring_corners(found.lines, 0.0, 1.0)
-    while fitted is not None and len(circles) < HOLES:
+    none, evidence = (np.empty((0, 3)), search), 0.0
+    while fitted is not None:
         search.checkpoint()
         feet = ring_feet(search.data, fitted.expected, _BEND_STRENGTH * fitted.strength)
         evidence, *circle = best_circle(feet, corners, _MIDDLE_WIDTHS * search.width_m, *_HOLE_RADII_M)
         if evidence < _ROUND_FROM:
             break
+        if len(circles) == HOLES:
+            return none
         circles.append(_placed(search.data, np.array(circle)))
         search = search.over(_without_first_echoes(search.data, circles[-1]))
-    return np.reshape(circles, (-1, 3)), search
+    return none if evidence > _ROUND_LEFT else (np.reshape(circles, (-1, 3)), search)
 
 
 def _placed(data: EchoData, circle: NDArray[np.float64]) -> NDArray[np.float64]:
