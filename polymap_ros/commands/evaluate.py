@@ -158,6 +158,9 @@ def _shapes(arguments: argparse.Namespace) -> int:
     if echoes == 'waves' and (walled := [kind for kind in kinds if shaped_scene(kind, seeds[0]).inner_walls]):
         raise UsageError(f'--echoes waves: the wave equation is not solved with inner walls, which {", ".join(walled)} '
                          'have; name another --variant')
+    if echoes == 'fresnel' and (bent := [kind for kind in kinds if len(shaped_scene(kind, seeds[0]).circles)]):
+        raise UsageError(f'--echoes fresnel: diffraction is of corners, not of round holes, which {", ".join(bent)} '
+                         'have; name another --variant, or --echoes waves')
     experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, echoes)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (

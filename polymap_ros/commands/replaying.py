@@ -200,7 +200,7 @@ def _compared_inside(mapped: Mapped, motion: 'Pose') -> 'InsideComparison | None
     return compare_inside(
         [motion.apply(hole.vertices) for hole in found.holes],
         [motion.apply(wall.ends) for wall in found.inner_walls],
-        mapped.true_inside.holes, mapped.true_inside.inner_walls)
+        mapped.true_inside.holes, mapped.true_inside.inner_walls, true_circles=mapped.true_inside.circles)
 
 
 def _aligned(mapped: Mapped) -> 'tuple[Pose, PathError | None]':

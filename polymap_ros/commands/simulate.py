@@ -90,9 +90,13 @@ def _companions(scene: 'Scene') -> dict[str, bytes]:
 
 def _truth(scene: 'Scene') -> dict[str, Any]:
     """The walls; holes and inner walls where there are any."""
+    from polymap_ros.simulation.inside import RoundHole
+
     truth: dict[str, Any] = {'vertices': scene.vertices.tolist()}
     if scene.holes:
-        truth['holes'] = [{'vertices': hole.vertices.tolist()} for hole in scene.holes]
+        truth['holes'] = [{'vertices': hole.vertices.tolist()} | (
+            {'centre': hole.centre.tolist(), 'radius_m': hole.radius_m} if isinstance(hole, RoundHole) else {})
+            for hole in scene.holes]
     if scene.inner_walls:
         truth['inner_walls'] = [
             {'start': wall.start.tolist(), 'end': wall.end.tolist(), 'reflection': wall.reflection,

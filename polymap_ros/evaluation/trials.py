@@ -17,6 +17,7 @@ from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.mapping.warm_up import warm_up
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.dimensions import dimensions
+from polymap_ros.simulation.inside import Hole
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.waveforms import pings
 from polymap_ros.solvers.estimate import Candidate, Estimate
@@ -193,8 +194,9 @@ def inside_judged(estimate: Estimate, scene: Scene, tolerance_m: float = TOLERAN
     return compare_inside(
         [hole.vertices for hole in estimate.holes],
         [wall.ends for wall in estimate.inner_walls],
-        [hole.vertices for hole in scene.holes],
-        [np.array((wall.start, wall.end)) for wall in scene.inner_walls], tolerance_m)
+        [hole.vertices for hole in scene.holes if isinstance(hole, Hole)],
+        [np.array((wall.start, wall.end)) for wall in scene.inner_walls], tolerance_m,
+        true_circles=list(scene.circles))
 
 
 def _heights_right(estimate: Estimate, scene: Scene) -> bool:

@@ -4,12 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.polygon_error import ANGLE_TOLERANCE_RAD, OFFSET_TOLERANCE_M, compare
 
 Points = NDArray[np.float64]
+
+AREA_TOLERANCE = 0.05
+"""Share of a round hole's area by which a polygon in its place may be larger or smaller."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +25,8 @@ class InsideComparison:
     n_true_holes, n_holes : int
         Numbers of true holes, and of those found.
     right_holes : int
-        True holes that were found with as many walls, all of them within both tolerances of `compare`.
+        True holes that were found with as many walls, all of them within both tolerances of `compare`; round ones as
+        a polygon of their area within `AREA_TOLERANCE` whose centroid is the centre within the tolerance of walls.
     n_true_inner_walls, n_inner_walls : int
         Likewise of inner walls.
     right_inner_walls : int
@@ -48,15 +53,20 @@ class InsideComparison:
 def compare_inside(
     holes: Sequence[Points], inner_walls: Sequence[Points], true_holes: Sequence[Points],
     true_inner_walls: Sequence[Points], offset_tolerance_m: float = OFFSET_TOLERANCE_M,
-    angle_tolerance_rad: float = ANGLE_TOLERANCE_RAD,
+    angle_tolerance_rad: float = ANGLE_TOLERANCE_RAD, true_circles: Sequence[Points] = (),
 ) -> InsideComparison:
-    """Compare holes, each by its corners (n, 2), clockwise, and inner walls, each by its ends (2, 2), in one frame."""
-    rest, right_holes = list(holes), 0
-    for true in true_holes:
-        found = next((k for k, hole in enumerate(rest) if compare(
-            hole[::-1], true[::-1], offset_tolerance_m, angle_tolerance_rad).right), None)
+    """Compare holes, each by its corners (n, 2), clockwise, and inner walls, each by its ends (2, 2), in one frame.
+
+    True holes that are round are given by centre and radius (3,).
+    """
+    same = [[compare(hole[::-1], true[::-1], offset_tolerance_m, angle_tolerance_rad).right for hole in holes]
+            for true in true_holes]
+    same += [[_is_round(hole, true, offset_tolerance_m) for hole in holes] for true in true_circles]
+    rest, right_holes = list(range(len(holes))), 0
+    for is_it in same:
+        found = next((k for k in rest if is_it[k]), None)
         if found is not None:
-            del rest[found]
+            rest.remove(found)
             right_holes += 1
     walls, right_walls, ends_m = list(inner_walls), 0, list[float]()
     for true in true_inner_walls:
@@ -65,8 +75,15 @@ def compare_inside(
         if found is not None:
             ends_m += _ends_apart(walls.pop(found), true)
             right_walls += 1
-    return InsideComparison(len(true_holes), len(holes), right_holes, len(true_inner_walls), len(inner_walls),
+    return InsideComparison(len(same), len(holes), right_holes, len(true_inner_walls), len(inner_walls),
                             right_walls, tuple(ends_m))
+
+
+def _is_round(hole: Points, circle: Points, tolerance_m: float) -> bool:
+    """Whether a polygon is in the place of a round hole."""
+    shape = shapely.Polygon(hole)
+    off = np.hypot(shape.centroid.x - circle[0], shape.centroid.y - circle[1])
+    return bool(off <= tolerance_m and abs(shape.area / (np.pi * circle[2] ** 2) - 1.0) <= AREA_TOLERANCE)
 
 
 def _one_line(wall: Points, true: Points, offset_tolerance_m: float, angle_tolerance_rad: float) -> bool:

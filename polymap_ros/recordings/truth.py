@@ -25,14 +25,18 @@ class TrueInside:
         Corners of each hole, clockwise [m].
     inner_walls : tuple of ndarray, shape (2, 2)
         Ends of each inner wall [m].
+    circles : tuple of ndarray, shape (3,)
+        Centre and radius of each round hole [m].
     """
 
     holes: tuple[NDArray[np.float64], ...] = ()
     inner_walls: tuple[NDArray[np.float64], ...] = ()
+    circles: tuple[NDArray[np.float64], ...] = ()
 
     def moved(self, frame: Pose) -> 'TrueInside':
         """The same, seen from the frame in which `frame` is its own origin."""
-        return TrueInside(tuple(map(frame.apply, self.holes)), tuple(map(frame.apply, self.inner_walls)))
+        return TrueInside(tuple(map(frame.apply, self.holes)), tuple(map(frame.apply, self.inner_walls)),
+                          tuple(np.append(frame.apply(circle[:2]), circle[2]) for circle in self.circles))
 
 
 def truth_path(recording: Path) -> Path:
@@ -60,8 +64,8 @@ def read_true_inside(recording: Path) -> TrueInside:
     Raises
     ------
     RecordingError
-        For holes that are not ``[{"vertices": [[x, y], ...]}]``, or inner walls not
-        ``[{"start": [x, y], "end": [x, y]}]``.
+        For holes that are not ``[{"vertices": [[x, y], ...]}]``, or ``[{"centre": [x, y], "radius_m": r}]``, or inner
+        walls not ``[{"start": [x, y], "end": [x, y]}]``.
     """
     path = truth_path(recording)
     if not path.is_file():
@@ -70,8 +74,21 @@ def read_true_inside(recording: Path) -> TrueInside:
     holes, walls = (document.get(key, []) for key in ('holes', 'inner_walls'))
     if not (isinstance(holes, list) and isinstance(walls, list)):
         raise RecordingError(f'{path}: allowed: lists of holes and of inner_walls')
-    return TrueInside(tuple(_ring(hole, path)[::-1] for hole in holes),
-                      tuple(_places(wall, ('start', 'end'), path) for wall in walls))
+    is_round = [isinstance(hole, dict) and 'radius_m' in hole for hole in holes]
+    return TrueInside(tuple(_ring(hole, path)[::-1] for hole, bent in zip(holes, is_round, strict=True) if not bent),
+                      tuple(_places(wall, ('start', 'end'), path) for wall in walls),
+                      tuple(_circle(hole, path) for hole, bent in zip(holes, is_round, strict=True) if bent))
+
+
+def _circle(body: dict[str, Any], path: Path) -> NDArray[np.float64]:
+    """Centre and radius (3,)."""
+    try:
+        circle = np.array([*body['centre'], body['radius_m']], dtype=float)
+        if circle.shape != (3,) or not np.isfinite(circle).all():
+            raise ValueError
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordingError(f'{path}: a round hole: allowed: {{"centre": [x, y], "radius_m": r}}') from error
+    return circle
 
 
 def _document(path: Path) -> dict[str, Any]:

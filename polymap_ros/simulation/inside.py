@@ -15,6 +15,9 @@ from polymap_ros.simulation.corners import clockwise
 _ROUNDING_M = 1e-9
 """As near as this is the same place [m]."""
 
+_ROUND_CORNERS = 64
+"""Corners of the polygon in the place of a circle: it is within 0.08 % of the radius."""
+
 
 @dataclass(frozen=True, eq=False)
 class Hole:
@@ -40,6 +43,47 @@ class Hole:
     def __post_init__(self) -> None:
         for name, value in zip(('vertices', 'reflection'), clockwise(self.vertices, self.reflection), strict=True):
             object.__setattr__(self, name, value)
+
+
+@dataclass(frozen=True, eq=False)
+class RoundHole:
+    """A round hole in a plate, or a pillar in a room.
+
+    Parameters
+    ----------
+    centre : array_like, shape (2,)
+        Its middle [m].
+    radius_m : float
+        Radius [m].
+    reflection : float
+        Reflection coefficient of its edge, signed.
+
+    Raises
+    ------
+    SceneError
+        For a centre that is no finite pair, a radius that is not above 0, and a coefficient beyond -1 to 1.
+    """
+
+    centre: NDArray[np.float64]
+    radius_m: float
+    reflection: float = 1.0
+
+    def __post_init__(self) -> None:
+        centre = np.asarray(self.centre, dtype=float)
+        if centre.shape != (2,) or not np.isfinite(centre).all():
+            raise SceneError('centre must be a finite pair [x, y]')
+        if not _ROUNDING_M < self.radius_m < np.inf:
+            raise SceneError(f'radius_m must be above 0, found {self.radius_m!r}')
+        if np.ndim(self.reflection) or not abs(self.reflection) <= 1.0:
+            raise SceneError(f'reflection of a round hole must be one number from -1 to 1, found {self.reflection!r}')
+        object.__setattr__(self, 'centre', centre)
+
+    @property
+    def vertices(self) -> NDArray[np.float64]:
+        """Corners (n, 2) of a regular polygon of the same area, clockwise [m]: for pictures and ways, no echoes."""
+        turns = -2.0 * np.pi * np.arange(_ROUND_CORNERS) / _ROUND_CORNERS
+        reach = self.radius_m * np.sqrt(-turns[1] / np.sin(-turns[1]))
+        return np.asarray(self.centre + reach * np.column_stack((np.cos(turns), np.sin(turns))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +126,9 @@ class Partition:
             raise SceneError(f'transmission must be from 0 to 1, found {self.transmission!r}')
 
 
-def holes_of(vertices: NDArray[np.float64], holes: Sequence[Hole | ArrayLike]) -> tuple[Hole, ...]:
+def holes_of(
+    vertices: NDArray[np.float64], holes: Sequence[Hole | RoundHole | ArrayLike]
+) -> tuple[Hole | RoundHole, ...]:
     """Return the holes in an outline (n, 2), each given as such or by its corners.
 
     Raises
@@ -90,10 +136,10 @@ def holes_of(vertices: NDArray[np.float64], holes: Sequence[Hole | ArrayLike]) -
     SceneError
         For one that is no simple polygon, is not inside, or meets the outline or another.
     """
-    outline, found, shapes = shapely.Polygon(vertices), list[Hole](), list[shapely.Polygon]()
+    outline, found, shapes = shapely.Polygon(vertices), list[Hole | RoundHole](), list[shapely.Polygon]()
     for index, given in enumerate(holes):
         with named(f'holes[{index}]'):
-            hole = given if isinstance(given, Hole) else Hole(np.asarray(given, dtype=float))
+            hole = given if isinstance(given, Hole | RoundHole) else Hole(np.asarray(given, dtype=float))
             shape = shapely.Polygon(hole.vertices)
             if not outline.contains(shape) or shape.distance(outline.exterior) <= _ROUNDING_M:
                 raise SceneError('is not inside the outline, or meets it; move it, or make it a part of vertices')
@@ -106,7 +152,7 @@ def holes_of(vertices: NDArray[np.float64], holes: Sequence[Hole | ArrayLike]) -
 
 
 def partitions_of(
-    vertices: NDArray[np.float64], holes: Sequence[Hole], partitions: Sequence[Partition]
+    vertices: NDArray[np.float64], holes: Sequence[Hole | RoundHole], partitions: Sequence[Partition]
 ) -> tuple[Partition, ...]:
     """Return walls cut off where they leave an outline (n, 2) with these holes.
 
@@ -133,7 +179,9 @@ def partitions_of(
     return tuple(found)
 
 
-def check_apart(positions: NDArray[np.float64], holes: Sequence[Hole], partitions: Sequence[Partition]) -> None:
+def check_apart(
+    positions: NDArray[np.float64], holes: Sequence[Hole | RoundHole], partitions: Sequence[Partition]
+) -> None:
     """Raise `SceneError` where a place of a sensor (T, 2) is in a hole or on an inner wall."""
     places = shapely.points(positions)
     for name, shapes in (('holes', [shapely.Polygon(hole.vertices) for hole in holes]),

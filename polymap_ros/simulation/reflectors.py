@@ -96,28 +96,33 @@ def traced(
 ) -> NDArray[np.float64]:
     """Return x and y of the images heard at a place, their amplitudes and orders, shape (k, 4); see `heard_images`."""
     walls = np.ascontiguousarray(np.stack((reflectors.starts, reflectors.ends), axis=1))
-    size = float(np.ptp(walls, axis=(0, 1)).max())
-    beside = place + _ASIDE * size * np.array((np.cos(_DIRECTION_RAD), np.sin(_DIRECTION_RAD)))
+    receiver = beside(walls, place)
     capacity = 64
     while True:
         found = np.empty((capacity, 4))
-        count = _trace(walls, reflectors.reflection, reflectors.transmission, source, beside, order, found)
+        count = _trace(walls, reflectors.reflection, reflectors.transmission, source, receiver, order, found)
         if count <= capacity:
             return found[:count]
         capacity = 2 * count
 
 
+def beside(walls: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where paths to a place among walls, by their ends (m, 2, 2), are traced to."""
+    size = float(np.ptp(walls, axis=(0, 1)).max())
+    return np.asarray(place + _ASIDE * size * np.array((np.cos(_DIRECTION_RAD), np.sin(_DIRECTION_RAD))))
+
+
 def straight(reflectors: Reflectors, source: NDArray[np.float64], place: NDArray[np.float64]) -> float:
     """Return what the walls in the way leave of the amplitude straight from a source to a place."""
     walls = np.ascontiguousarray(np.stack((reflectors.starts, reflectors.ends), axis=1))
-    return float(_passed(walls, reflectors.transmission, source[0], source[1], place[0], place[1], -1, -1))
+    return float(passed(walls, reflectors.transmission, source[0], source[1], place[0], place[1], -1, -1))
 
 
 @kernel
-def _crossing(
+def crossing(
     px: float, py: float, qx: float, qy: float, ax: float, ay: float, bx: float, by: float
 ) -> tuple[bool, float]:
-    """Whether the way from p to q meets the wall from a to b, and at which share of the way."""
+    """Return whether the way from p to q meets the wall from a to b, and at which share of the way."""
     dx, dy, ex, ey = qx - px, qy - py, bx - ax, by - ay
     across = dx * ey - dy * ex
     if across == 0.0:
@@ -128,15 +133,15 @@ def _crossing(
 
 
 @kernel
-def _passed(
+def passed(
     walls: NDArray[np.float64], transmission: NDArray[np.float64], px: float, py: float, qx: float, qy: float,
     first: int, last: int,
 ) -> float:
-    """What is left of the amplitude on the way from p, on wall `first`, to q, on wall `last`; -1 is no wall."""
+    """Return what is left of the amplitude on the way from p, on wall `first`, to q, on wall `last`; -1 is no wall."""
     left = 1.0
     for wall in range(len(walls)):
         if wall != first and wall != last:
-            met, _ = _crossing(px, py, qx, qy, walls[wall, 0, 0], walls[wall, 0, 1], walls[wall, 1, 0],
+            met, _ = crossing(px, py, qx, qy, walls[wall, 0, 0], walls[wall, 0, 1], walls[wall, 1, 0],
                                walls[wall, 1, 1])
             if met:
                 left *= transmission[wall]
@@ -192,13 +197,13 @@ def _traced_back(
     behind = -1
     for level in range(depth, 0, -1):
         wall = hit[level]
-        met, share = _crossing(x, y, images[level, 0], images[level, 1], walls[wall, 0, 0], walls[wall, 0, 1],
+        met, share = crossing(x, y, images[level, 0], images[level, 1], walls[wall, 0, 0], walls[wall, 0, 1],
                                walls[wall, 1, 0], walls[wall, 1, 1])
         if not met:
             return 0.0
         next_x, next_y = x + share * (images[level, 0] - x), y + share * (images[level, 1] - y)
-        amplitude *= reflection[wall] * _passed(walls, transmission, x, y, next_x, next_y, behind, wall)
+        amplitude *= reflection[wall] * passed(walls, transmission, x, y, next_x, next_y, behind, wall)
         if amplitude == 0.0:
             return 0.0
         x, y, behind = next_x, next_y, wall
-    return amplitude * _passed(walls, transmission, x, y, images[0, 0], images[0, 1], behind, -1)
+    return amplitude * passed(walls, transmission, x, y, images[0, 0], images[0, 1], behind, -1)

@@ -10,12 +10,12 @@ The keys are the fields of `Scene`; the path is either `poses`, a list of [x, y,
 The last takes the way that a recorded odometry went, scaled to fill the room. Holes, and walls inside that let some of
 the wave through, such as stiffeners and weld seams, are lists::
 
-    holes: [[[x, y], [x, y], [x, y]], {vertices: [[x, y], ...], reflection: 0.8}]
+    holes: [[[x, y], [x, y], [x, y]], {vertices: [[x, y], ...], reflection: 0.8}, {centre: [x, y], radius_m: 0.1}]
     inner_walls: [{start: [x, y], end: [x, y], reflection: 0.4, transmission: 0.9}]
 
 A hole's reflection is 1 unless given, an inner wall's transmission sqrt(1 - reflection^2). An inner wall may reach
 beyond the outline or into a hole: it ends where it meets them. `edges` and `height` do not go with holes or inner
-walls, nor does a recorded way with holes.
+walls, nor does a recorded way with holes, nor `edge_fading` with round ones.
 
 What device and odometry do wrong is in `faults`, with the fields of `Faults`; what edges do to what they reflect in
 `edges`, with those of `Edges`; what the medium does beside in `propagation`, with those of `Propagation`; a room's
@@ -45,7 +45,7 @@ from polymap_ros.simulation.corners import counter_clockwise
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.height import Height
-from polymap_ros.simulation.inside import Hole, Partition, holes_of, named
+from polymap_ros.simulation.inside import Hole, Partition, RoundHole, holes_of, named
 from polymap_ros.simulation.propagation import Propagation
 from polymap_ros.simulation.scenes import Scene, check_bounds
 from polymap_ros.simulation.trajectories import check_count, fitted, legs, random_legs, recorded
@@ -157,20 +157,31 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
     return Scene(**values)
 
 
-def _inside(value: Any, key: str) -> list[Hole | Partition]:
+def _inside(value: Any, key: str) -> list[Hole | RoundHole | Partition]:
     """Holes or inner walls, each with its number where it is wrong."""
     if not isinstance(value, list):
         raise SceneError(f'{key} must be a list')
     return [_INSIDE[key](body, f'{key}[{index}]') for index, body in enumerate(value)]
 
 
-def _hole(body: Any, where: str) -> Hole:
+def _hole(body: Any, where: str) -> Hole | RoundHole:
     body = body if isinstance(body, dict) else {'vertices': body}
+    if 'centre' in body or 'radius_m' in body:
+        return _round_hole(body, where)
     _check_keys(body, ['vertices', 'reflection'], where)
     if 'vertices' not in body:
-        raise SceneError(f'{where} needs vertices')
+        raise SceneError(f'{where} needs vertices, or centre and radius_m')
     with named(where):
         return Hole(*(_array(body[key], key) for key in ('vertices', 'reflection') if key in body))
+
+
+def _round_hole(body: Mapping[str, Any], where: str) -> RoundHole:
+    _check_keys(body, [entry.name for entry in dataclasses.fields(RoundHole)], where)
+    if missing := [key for key in ('centre', 'radius_m') if key not in body]:
+        raise SceneError(f'{where} needs {" and ".join(missing)}')
+    with named(where):
+        return RoundHole(_array(body['centre'], 'centre'), _number(body, 'radius_m'),
+                         *([_number(body, 'reflection')] if 'reflection' in body else ()))
 
 
 def _inner_wall(body: Any, where: str) -> Partition:
@@ -183,7 +194,7 @@ def _inner_wall(body: Any, where: str) -> Partition:
                          _number(body, 'transmission') if 'transmission' in body else None)
 
 
-_INSIDE: dict[str, Callable[[Any, str], Hole | Partition]] = {'holes': _hole, 'inner_walls': _inner_wall}
+_INSIDE: dict[str, Callable[[Any, str], Hole | RoundHole | Partition]] = {'holes': _hole, 'inner_walls': _inner_wall}
 
 
 def _at_period(pulse: RecordedPulse, period_s: float) -> NDArray[np.float64]:

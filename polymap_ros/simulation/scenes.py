@@ -16,7 +16,7 @@ from polymap_ros.simulation.corners import counter_clockwise
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.height import Height
-from polymap_ros.simulation.inside import Hole, Partition, check_apart, holes_of, partitions_of
+from polymap_ros.simulation.inside import Hole, Partition, RoundHole, check_apart, holes_of, partitions_of
 from polymap_ros.simulation.interference import coloured
 from polymap_ros.simulation.odometry import LEVELS, Drift, reported, with_slips
 from polymap_ros.simulation.propagation import Propagation
@@ -75,8 +75,8 @@ class Scene:
         of inner walls.
     height : Height
         Floor and ceiling, of a room.
-    holes : sequence of Hole, or of array_like, shape (k, 2)
-        Holes inside the outline, by their corners [m] in either direction; they meet neither it nor one another.
+    holes : sequence of Hole or RoundHole, or of array_like, shape (k, 2)
+        Holes inside the outline, or by their corners [m] in either direction; they meet neither it nor one another.
     inner_walls : sequence of Partition
         Walls inside that let some of the wave through; what of one is outside or in a hole is not there. With any of
         these or with holes, echoes are those of every sequence of walls.
@@ -131,7 +131,7 @@ class Scene:
     propagation: Propagation = field(default_factory=Propagation)
     edge_fading: str = 'none'
     height: Height = field(default_factory=Height)
-    holes: tuple[Hole, ...] = ()
+    holes: tuple[Hole | RoundHole, ...] = ()
     inner_walls: tuple[Partition, ...] = ()
 
     def __post_init__(self) -> None:
@@ -184,7 +184,9 @@ class Scene:
         """Whether walls inside make too many sequences."""
         if not self.has_inside:
             return
-        walls = len(self.reflectors.starts)
+        if self.edge_fading != 'none' and len(self.circles):
+            raise SceneError('edge_fading does not go with round holes; leave out one of them')
+        walls = len(self.reflectors.starts) + len(self.circles)
         sequences = float(len(self.poses)) * walls * (walls - 1.0) ** (self.order - 1)
         if sequences > MOST_SEQUENCES:
             raise SceneError(f'order {self.order} makes {sequences:.3g} sequences of {walls} walls, all of which are '
@@ -213,13 +215,20 @@ class Scene:
 
     @property
     def reflectors(self) -> Reflectors:
-        """All walls: the outline's, the holes', the inner ones."""
+        """All straight walls: the outline's, the holes', the inner ones."""
         walls = Reflectors.outline(self.vertices, self.reflection)
         for hole in self.holes:
-            walls = walls.beside(Reflectors.outline(hole.vertices, hole.reflection))
+            if isinstance(hole, Hole):
+                walls = walls.beside(Reflectors.outline(hole.vertices, hole.reflection))
         for wall in self.inner_walls:
             walls = walls.with_seam(wall.start, wall.end, wall.reflection, wall.transmission)
         return walls
+
+    @property
+    def circles(self) -> NDArray[np.float64]:
+        """Centre, radius [m] and reflection of the round holes, shape (c, 4)."""
+        return np.reshape([(*hole.centre, hole.radius_m, hole.reflection)
+                           for hole in self.holes if isinstance(hole, RoundHole)], (-1, 4))
 
     @property
     def positions(self) -> NDArray[np.float64]:

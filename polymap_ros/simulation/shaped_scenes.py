@@ -9,11 +9,10 @@ import shapely
 from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
-from polymap_ros.simulation.inside_scenes import Draw, Inside, Tour, inner_wall, plate, rectangles
-from polymap_ros.simulation.reflectors import heard_images
+from polymap_ros.simulation.inside_scenes import Draw, Inside, Tour, discs, inner_wall, plate, rectangles
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import legs_inside
-from polymap_ros.simulation.waveforms import noise_free
+from polymap_ros.simulation.waveforms import among_all, noise_free
 from polymap_ros.simulation.waves import wave_echoes
 
 Points = NDArray[np.float64]
@@ -97,13 +96,8 @@ def clean_echoes(scene: Scene, echoes: str = 'images') -> Points:
     """
     if echoes == 'waves':
         return wave_echoes(scene)
-    walls = scene.reflectors
-
-    def heard(position: Points) -> tuple[Points, Points]:
-        images, amplitude = heard_images(walls, position, scene.order)
-        return np.linalg.norm(images - position, axis=1), amplitude
-
-    return noise_free(dataclasses.replace(scene, edge_fading='none' if echoes == 'images' else echoes), heard)
+    return noise_free(dataclasses.replace(scene, edge_fading='none' if echoes == 'images' else echoes),
+                      lambda position: among_all(scene, position, position))
 
 
 def l_shape(generator: np.random.Generator) -> Points:
@@ -187,5 +181,7 @@ SHAPE_KINDS = {
     'stiffener': ShapeKind('plate with a stiffener', plate, inner_wall(0.5, 0.8)),
     'seam': ShapeKind('plate with a weld seam', plate, inner_wall(1.0, 1.0)),
     'convex': ShapeKind('convex plate', plate),
+    'round_hole': ShapeKind('plate with a round hole', plate, discs(1), 80),
+    'two_round_holes': ShapeKind('plate with two round holes', plate, discs(2), 90),
 }
 """By name."""

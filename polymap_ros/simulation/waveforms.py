@@ -15,9 +15,11 @@ from polymap_ros.jit import kernel
 from polymap_ros.simulation.diffraction import diffracted, diffracting_corners
 from polymap_ros.simulation.edges import EDGES_STREAM, Edges, delays
 from polymap_ros.simulation.faults import FIRST_STREAM, RINGING_STREAM, Arrivals, directed, first_echo_faults, ringing
+from polymap_ros.simulation.inside import Hole
 from polymap_ros.simulation.interference import INTERFERENCE_STREAM, interference
 from polymap_ros.simulation.propagation import ways
 from polymap_ros.simulation.reflectors import heard_images
+from polymap_ros.simulation.round_paths import heard_paths
 from polymap_ros.simulation.scene_file import load_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.transducer import Transduced
@@ -117,12 +119,21 @@ def _over_walls(
 
 def _heard_among_all(scene: Scene) -> list[Arrivals]:
     """As `_heard`, of every sequence of the outline's, the holes' and the inner walls: by another tracer."""
-    walls, paths = scene.reflectors, []
+    paths = []
     for emitter, receiver in zip(*scene.ends, strict=True):
-        images, amplitude = heard_images(walls, emitter, scene.order, receiver)
-        length = np.hypot(np.linalg.norm(images - receiver, axis=1), scene.sensor.baseline_z_m)
-        paths.append(Arrivals(length, amplitude, np.zeros(len(length))))
+        length, amplitude = among_all(scene, emitter, receiver)
+        paths.append(Arrivals(np.hypot(length, scene.sensor.baseline_z_m), amplitude, np.zeros(len(length))))
     return paths
+
+
+def among_all(
+    scene: Scene, emitter: NDArray[np.float64], receiver: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return lengths (m,) [m] and amplitudes (m,), before spreading, of the paths over every sequence of walls."""
+    if len(scene.circles):
+        return heard_paths(scene.reflectors, scene.circles, emitter, receiver, scene.order)
+    images, amplitude = heard_images(scene.reflectors, emitter, scene.order, receiver)
+    return np.asarray(np.linalg.norm(images - receiver, axis=1)), amplitude
 
 
 def _with_diffracted(scene: Scene, medium: Medium, paths: list[Arrivals]) -> list[Arrivals]:
@@ -130,7 +141,8 @@ def _with_diffracted(scene: Scene, medium: Medium, paths: list[Arrivals]) -> lis
     wavenumber = float(medium.wavenumber(2.0 * np.pi * scene.pulse.frequency_hz))
     walls, corners = scene.reflectors, diffracting_corners(scene.vertices, np.asarray(scene.reflection))
     for hole in scene.holes:
-        corners += diffracting_corners(hole.vertices, np.asarray(hole.reflection))
+        if isinstance(hole, Hole):
+            corners += diffracting_corners(hole.vertices, np.asarray(hole.reflection))
     together = []
     for emitter, receiver, heard in zip(*scene.ends, paths, strict=True):
         more, over_corners = diffracted(corners, walls, emitter, receiver, scene.order, wavenumber)

@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.acoustics.medium import Medium, make_medium
 from polymap_ros.acoustics.pulse import Pulse
@@ -31,6 +31,7 @@ from polymap_ros.errors import SceneError
 from polymap_ros.jit import kernel
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.height import Height
+from polymap_ros.simulation.inside import Hole
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.waveforms import emitted
 
@@ -71,13 +72,13 @@ def wave_echoes(scene: Scene) -> NDArray[np.float64]:
     strength = _damped_spectrum(pulse, omega, eta, period_s) * medium.excitability(omega)
     loud = np.flatnonzero(np.abs(strength) > FLOOR * np.abs(strength).max())
     wavenumber = _damped_wavenumber(medium, omega[loud], eta)
-    rings, spectrum = [scene.vertices, *(hole.vertices for hole in scene.holes)], np.zeros(
-        (len(scene.poses), size // 2 + 1), complex)
+    rings = [scene.vertices, *(hole.vertices for hole in scene.holes if isinstance(hole, Hole))]
+    spectrum = np.zeros((len(scene.poses), size // 2 + 1), complex)
     for at, k in zip(loud, wavenumber, strict=True):
         # G far away is exp(-j k d) / sqrt(k d), as g of eq. (1), but for this.
         far = 4.0 * np.exp(0.25j * np.pi) * np.sqrt(0.5 * np.pi * k.real)
         spectrum[:, at + 1] = far * strength[at] * np.exp(1j * omega[at] * scene.t0_s) * scattered(
-            rings, *scene.ends, k)
+            rings, *scene.ends, k, scene.circles)
     times = scene.t0_s + period_s * np.arange(scene.n_samples)
     return np.asarray(np.fft.irfft(spectrum, size)[:, :scene.n_samples] / period_s * np.exp(eta * times))
 
@@ -123,7 +124,8 @@ class _Mesh(NamedTuple):
 
 
 def scattered(
-    rings: list[NDArray[np.float64]], emitters: NDArray[np.float64], receivers: NDArray[np.float64], wavenumber: complex
+    rings: list[NDArray[np.float64]], emitters: NDArray[np.float64], receivers: NDArray[np.float64],
+    wavenumber: complex, circles: ArrayLike = (),
 ) -> NDArray[np.complex128]:
     """Return the field that walls send back from each emitter to its receiver.
 
@@ -135,13 +137,15 @@ def scattered(
         Places in the room, in pairs [m].
     wavenumber : complex
         k [rad/m]; its imaginary part, below 0, damps.
+    circles : array_like, shape (c, 3) or more, optional
+        Centre and radius of round holes [m].
 
     Returns
     -------
     ndarray, shape (T,), complex
         The field of sources whose own is G.
     """
-    mesh = _mesh(rings, _PANEL_WAVES * 2.0 * np.pi / wavenumber.real)
+    mesh = _mesh(rings, circles, _PANEL_WAVES * 2.0 * np.pi / wavenumber.real)
     step = np.sqrt(1.1 * np.hypot(*np.ptp(mesh.points, axis=0))) / _TABLE
     argument = wavenumber * (step * np.maximum(np.arange(_TABLE + 2), 0.03)) ** 2
     table = argument * scipy.special.hankel2e(1, argument)
@@ -155,8 +159,8 @@ def scattered(
     return np.asarray(-np.einsum('tj,jt->t', heard, walls))
 
 
-def _mesh(rings: list[NDArray[np.float64]], longest_m: float) -> _Mesh:
-    """Panels of all edges, beside corners ever shorter."""
+def _mesh(rings: list[NDArray[np.float64]], circles: ArrayLike, longest_m: float) -> _Mesh:
+    """Panels of all edges, beside corners ever shorter, and of circles."""
     points, normals, weights = [], [], []
     for ring in rings:
         for start, end in zip(ring, np.roll(ring, -1, axis=0), strict=True):
@@ -173,6 +177,14 @@ def _mesh(rings: list[NDArray[np.float64]], longest_m: float) -> _Mesh:
                 points.append(start + share[:, None] * along)
                 weights.append(0.5 * (high - low) * length * weight)
                 normals.append(np.tile((along[1] / length, -along[0] / length), (len(node), 1)))
+    node, weight = np.polynomial.legendre.leggauss(_PANEL_POINTS)
+    for x, y, radius, *_ in np.asarray(circles, dtype=float):
+        count = max(int(np.ceil(2.0 * np.pi * radius / longest_m)), 8)
+        turn = (np.pi / count * (2.0 * np.arange(count)[:, None] + 1.0 + node)).ravel()
+        outwards = np.column_stack((-np.cos(turn), -np.sin(turn)))  # of the room
+        points.append(np.array((x, y)) - radius * outwards)
+        normals.append(outwards)
+        weights.append(np.tile(np.pi / count * radius * weight, count))
     return _Mesh(np.vstack(points), np.vstack(normals), np.concatenate(weights))
 
 

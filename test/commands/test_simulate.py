@@ -11,6 +11,7 @@ import yaml
 from rosbags.highlevel import AnyReader
 
 from polymap_ros.commands.simulate import main
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.parameter_file import load_parameters
 from polymap_ros.parameters import PulseParameters
 from polymap_ros.pulse_file import read_pulse
@@ -105,6 +106,16 @@ inner_walls: [{start: [0.8, 0.1], end: [0.8, 0.6], reflection: 0.6}]
     known = read_true_inside(tmp_path / 'plate')
     np.testing.assert_array_equal(known.holes, [[[0.7, 0.5], [0.7, 0.4], [0.6, 0.4]]])
     np.testing.assert_array_equal(known.inner_walls, [[[0.8, 0.1], [0.8, 0.6]]])
+
+
+def test_a_round_hole_is_in_the_truth_by_centre_and_radius(tmp_path, scene_file):
+    scene_file.write_text(SCENE + '\nholes: [{centre: [0.65, 0.45], radius_m: 0.04}]\n')
+    assert main([str(scene_file), '--output', str(tmp_path / 'plate')]) == 0
+    known = read_true_inside(tmp_path / 'plate')
+    np.testing.assert_array_equal(known.circles, [[0.65, 0.45, 0.04]])
+    assert known.holes == ()
+    np.testing.assert_allclose(known.moved(Pose(0.1, 0.2, 0.3)).circles[0][:2],
+                               Pose(0.1, 0.2, 0.3).apply(np.array((0.65, 0.45))))
 
 
 def test_making_it_again_gives_the_same_stamps_and_samples(tmp_path, scene_file):

@@ -7,7 +7,7 @@ import pytest
 
 from polymap_ros.evaluation.shapes_experiment import ShapeTrial, inside_table, shapes_text
 from polymap_ros.evaluation.trials import inside_judged, judged
-from polymap_ros.simulation.inside import Partition
+from polymap_ros.simulation.inside import Partition, RoundHole
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate, InnerWall
 
@@ -50,6 +50,26 @@ def test_a_hole_is_right_with_all_of_its_walls_and_no_other(found, right_holes, 
     inside = judge(estimate_of(found), scene_with([HOLE]))
     assert (inside.n_true_holes, inside.n_holes, inside.right_holes) == (1, len(found), right_holes)
     assert inside.right == right
+
+
+def octagon(x, y, radius, turn=0.1):
+    """Of the circle's area, clockwise."""
+    turns = turn - 0.25 * np.pi * np.arange(8)
+    reach = radius * np.sqrt(0.25 * np.pi / np.sin(0.25 * np.pi))
+    return np.array((x, y)) + reach * np.column_stack((np.cos(turns), np.sin(turns)))
+
+
+@pytest.mark.parametrize(('found', 'right'), [
+    ([octagon(0.7, 0.5, 0.1)], True),
+    ([octagon(0.702, 0.502, 0.102)], True),
+    ([octagon(0.704, 0.5, 0.1)], False),
+    ([octagon(0.7, 0.5, 0.103)], False),  # 6 % of the area
+    ([octagon(0.7, 0.5, 0.1), OTHER], False),
+    ([], False),
+])
+def test_a_round_hole_is_right_by_its_area_and_its_middle(found, right):
+    inside = judge(estimate_of(found), scene_with([RoundHole(np.array((0.7, 0.5)), 0.1)]))
+    assert (inside.n_true_holes, inside.n_holes, inside.right) == (1, len(found), right)
 
 
 def test_two_holes_in_whichever_order():

@@ -75,6 +75,8 @@ def test_every_key_of_holes_and_inner_walls_arrives(tmp_path):
 holes:
 - [[0.4, 0.4], [0.5, 0.4], [0.5, 0.5]]
 - {vertices: [[0.6, 0.4], [0.6, 0.5], [0.8, 0.4]], reflection: [0.1, 0.2, 0.3]}
+- {centre: [0.7, 0.8], radius_m: 0.05, reflection: -0.5}
+- {centre: [0.5, 0.8], radius_m: 0.05}
 inner_walls:
 - {start: [0.3, -5.0], end: [0.3, 0.9], reflection: -0.6}
 - {end: [0.7, 0.7], start: [0.9, 0.7], reflection: 0.5, transmission: 0.25}
@@ -84,6 +86,8 @@ inner_walls:
     np.testing.assert_array_equal(scene.holes[0].reflection, [1.0, 1.0, 1.0])
     np.testing.assert_array_equal(scene.holes[1].vertices, [[0.6, 0.4], [0.6, 0.5], [0.8, 0.4]])
     np.testing.assert_array_equal(scene.holes[1].reflection, [0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(scene.circles, [[0.7, 0.8, 0.05, -0.5], [0.5, 0.8, 0.05, 1.0]])
+    assert shapely.Polygon(scene.holes[2].vertices).area == pytest.approx(np.pi * 0.05**2)
     long, short = scene.inner_walls
     np.testing.assert_allclose([long.start, long.end], [[0.3, 0.0], [0.3, 0.9]])  # cut off at the outline
     assert (long.reflection, long.transmission) == (-0.6, pytest.approx(0.8))
@@ -143,6 +147,14 @@ WALL = 'start: [0.4, 0.3], end: [0.6, 0.3]'
     (f'holes: [{SQUARE}]\ninner_walls: [{{start: [0.5, 0.1], end: [0.5, 0.9], reflection: 0.3}}]', 'in one piece'),
     ('inner_walls: [{start: [0, 0.1], end: [0, 0.9], reflection: 0.3}]', r'inner_walls\[0\]: lies on an edge'),
     ('inner_walls: [{start: [0.1, 0.2], end: [0.9, 0.2], reflection: 0.3}]', r'on inner_walls\[0\] at pose 0; move'),
+    ('holes: [{centre: [0.5, 0.5]}]', r'holes\[0\] needs radius_m'),
+    ('holes: [{radius_m: 0.1, vertices: 1, centre: 0}]', r'holes\[0\] has no key vertices'),
+    ('holes: [{centre: [0.5], radius_m: 0.1}]', r'holes\[0\]: centre must be a finite pair'),
+    ('holes: [{centre: [0.5, 0.5], radius_m: 0}]', r'holes\[0\]: radius_m must be above 0'),
+    ('holes: [{centre: [0.5, 0.5], radius_m: 0.1, reflection: 2}]', r'holes\[0\]: reflection of a round hole must be'),
+    ('holes: [{centre: [0.5, 0.5], radius_m: 0.6}]', r'holes\[0\]: is not inside'),
+    ('holes: [{centre: [0.3, 0.2], radius_m: 0.15}]', r'the sensor is in holes\[0\] at pose 0; move'),
+    ('edge_fading: fresnel\nholes: [{centre: [0.5, 0.5], radius_m: 0.1}]', 'edge_fading does not go with round holes'),
     (f'holes: [{SQUARE}]\nedges: {{kind: free}}', 'edges acts in scenes without holes'),
     (f'holes: [{SQUARE}]\nmedium: {{model: constant}}\nheight: {{floor_m: 1}}', 'height acts in scenes without holes'),
     (f'inner_walls: [{{{WALL}, reflection: 0.1}}]\norder: 30', 'order 30 makes .* sequences of 5 walls.*lower order'),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
+from polymap_ros.simulation.inside import Hole
 from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shaped_scene
 from polymap_ros.simulation.waveforms import noise_free
 
@@ -16,8 +17,16 @@ def test_every_wall_is_heard_directly_by_six_pings(name, seed):
     scene = shaped_scene(name, seed)
     assert 60 <= len(scene.poses) <= 100
     holes = [hole.vertices for hole in scene.holes]
+    straight = [hole.vertices for hole in scene.holes if isinstance(hole, Hole)]
     room, counts = shapely.Polygon(scene.vertices, holes), []
-    rings = [(ring[k - 1], ring[k], False) for ring in (scene.vertices, *holes) for k in range(len(ring))]
+    for x, y, radius, _ in scene.circles:
+        away = scene.positions - (x, y)
+        feet = (x, y) + 1.01 * radius * away / np.linalg.norm(away, axis=1)[:, None]
+        seen = np.array([room.covers(shapely.LineString(ends)) for ends in zip(scene.positions, feet, strict=True)])
+        east, north = away[seen].T
+        counts += [np.sum(one > np.abs(other)) for one, other in (
+            (east, north), (-east, north), (north, east), (-north, east))]  # of a round hole each quarter
+    rings = [(ring[k - 1], ring[k], False) for ring in (scene.vertices, *straight) for k in range(len(ring))]
     for a, b, both_sides in [*rings, *((wall.start, wall.end, True) for wall in scene.inner_walls)]:
         length = np.linalg.norm(b - a)
         heard = 0
@@ -35,7 +44,7 @@ def test_every_wall_is_heard_directly_by_six_pings(name, seed):
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_holes_are_rectangles_and_inner_walls_as_long_as_said(seed):
+def test_holes_are_rectangles_or_round_and_inner_walls_as_long_as_said(seed):
     for name, count in (('hole', 1), ('two_holes', 2)):
         scene = shaped_scene(name, seed)
         assert len(scene.holes) == count
@@ -47,6 +56,10 @@ def test_holes_are_rectangles_and_inner_walls_as_long_as_said(seed):
             assert lengths.min() >= 0.15 - 1e-9
             assert lengths.max() <= 0.4 + 1e-9
             np.testing.assert_allclose(np.einsum('ij,ij->i', along, np.roll(along, 1, axis=0)), 0.0, atol=1e-9)
+    for name, count in (('round_hole', 1), ('two_round_holes', 2)):
+        circles = shaped_scene(name, seed).circles
+        assert len(circles) == count
+        assert ((circles[:, 2] >= 0.075) & (circles[:, 2] <= 0.2)).all()
     for name, low, high in (('stiffener', 0.5, 0.8), ('seam', 1.0, 1.0)):
         scene = shaped_scene(name, seed)
         wall, = scene.inner_walls

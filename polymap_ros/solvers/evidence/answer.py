@@ -16,6 +16,7 @@ from polymap_ros.solvers.evidence.certainty import Certainty, certainty_of
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.dead_reckoning import as_dead_reckoned
 from polymap_ros.solvers.evidence.first_walls import first_walls
+from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
 from polymap_ros.solvers.evidence.tracking import Chain
@@ -34,6 +35,9 @@ of another one."""
 
 _SUGGESTIVE = 0.6
 """Share of the echoes that an outline which is not convex has to explain to be told of where nothing closes."""
+
+_ROUND_EDGES = 16
+"""Edges of the polygon in the place of a round hole: it is within 1.3 % of the radius."""
 
 _LOCATED = 0.1
 """Share of that range which the deviation of a wall may have that counts as certain."""
@@ -117,7 +121,8 @@ class Findings:
             second = _ring(other.lines, 0, certainty_of(self.search, other), self.search.data.positions)
             return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, second),
                                        cautions=(wording.as_likely_mirrored(), *cautions))
-        holes = _holes(found, certainty, self.search.data.positions)
+        holes = (*_holes(found, certainty, self.search.data.positions),
+                 *_round_holes(self.search.round_holes, self.search.data.positions))
         overlap = self.snapshot.region.iou(candidate.vertices, [hole.vertices for hole in holes])
         return dataclasses.replace(answer, status='closed', polygon=candidate, iou_free_area=overlap, holes=holes,
                                    inner_walls=_inner_walls(found, certainty, self.search.data))
@@ -228,6 +233,27 @@ def _holes(found: Found, certainty: Certainty, positions: NDArray[np.float64]) -
     for count in found.walls.interior.holes.tolist():
         holes.append(_ring(found.walls.lines[first:first + count], first, certainty, positions, -1.0))
         first += count
+    return tuple(holes)
+
+
+def _round_holes(found: RoundHoles | None, positions: NDArray[np.float64]) -> tuple[Candidate, ...]:
+    """Each as a regular polygon of the circle's area, whose edges stand and fall with it."""
+    if found is None:
+        return ()
+    holes, turns = [], 2.0 * np.pi * np.arange(_ROUND_EDGES) / _ROUND_EDGES
+    apothem = np.sqrt(np.pi / (_ROUND_EDGES * np.tan(np.pi / _ROUND_EDGES)))  # in radii
+    normals = np.column_stack((np.cos(turns), np.sin(turns)))
+    for number, (x, y, radius, _) in enumerate(found.circles):
+        lines = np.column_stack((normals @ (x, y) - apothem * radius, turns))[::-1]
+        _, corners = ring_corners(lines, 0.0, -1.0)
+        change = np.zeros((2 * _ROUND_EDGES, 3))
+        change[::2] = np.column_stack((normals, np.full(_ROUND_EDGES, -apothem)))[::-1]
+        own = slice(4 * number, 4 * number + 3)
+        covariance = change @ found.covariance[own, own] @ change.T
+        certainty = Certainty(np.ones(_ROUND_EDGES), covariance, np.zeros(_ROUND_EDGES, np.bool_), 0)
+        pings = feet_on_edges(corners, positions, in_front=True)
+        holes.append(Candidate(corners, tuple(_edge(line, k, certainty, int(pings[k]))
+                                              for k, line in enumerate(lines)), covariance))
     return tuple(holes)
 
 

@@ -93,7 +93,7 @@ def corner_echoes(data: EchoData, wave: Wave) -> NDArray[np.complex128]:
         strength = wave.loudness.strengths[np.minimum(coming.hits + going.hits, FULL_ORDER - 1)]
         b = strength * coming.strength * going.strength * turned / np.sqrt(focus) * half**-spread
         b *= amplitudes[coming.ping] * np.exp(-2j * data.pulse.carrier * half)
-        _add(coming.ping, half, b, data.pulse.baseband, data.pulse.step_m, total)
+        add_echoes(coming.ping, half, b, data.pulse.baseband, data.pulse.step_m, total)
     return total
 
 
@@ -221,7 +221,7 @@ def _pairs(
 
 
 @kernel
-def _add(
+def add_echoes(
     ping: NDArray[np.int64], half: NDArray[np.float64], b: NDArray[np.complex128],
     baseband: NDArray[np.complex128], step: float, out: NDArray[np.complex128],
 ) -> None:

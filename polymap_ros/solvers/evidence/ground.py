@@ -14,6 +14,7 @@ from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import REAL, EdgePhase
 from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
+from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     EDGE_WORTH,
@@ -65,6 +66,8 @@ class Ground:
         not there may put that right, and each has to bring enough to be sure.
     whole : EchoData or None
         The echoes with that part, where it has to be known for deviations.
+    round_holes : RoundHoles or None
+        The round holes of which all was taken out that they change.
     """
 
     def __init__(
@@ -81,6 +84,7 @@ class Ground:
         self.nothing = self.power.initial(0.0)
         self.approximate = False
         self.whole: EchoData | None = None
+        self.round_holes: RoundHoles | None = None
 
     def between(self, storey: Storey, strength: float) -> Self:
         """Return the same between floor and ceiling, at a strength of the echoes that was found with them."""

@@ -22,6 +22,7 @@ from polymap_ros.solvers.evidence.tuning import (
     STILL_LEFT,
     WHOLE,
 )
+from polymap_ros.solvers.evidence.waveform import Wave
 
 _EDGES_CHANGED = 2
 """How often that is done at most: once more with other edges, where those found before had other corners."""
@@ -30,18 +31,50 @@ _EDGES_CHANGED = 2
 def imaged(search: Search, found: Found, enough: float) -> tuple[Search, Found]:
     """Return the search over what images can explain, and the answer there; both as they are where that is no more.
 
-    Nothing is done where the answer explains `enough`, or so little that its corners are not worth asking.
+    Nothing is done where the answer explains `enough`, or so little that its corners are not worth asking. Where it is
+    not enough over the whole range, either, one is looked for up to the horizon, too, and the better of both is kept:
+    by what they explain up to there, since of what comes later no walls explain much.
     """
     if found.wave is None or len(found.storey) or not CORNERS_FROM < found.explained < enough:
         return search, found
-    other, better = _without_corners(search, found)
-    if better is None or better.explained < enough:
+    over_all = _with_answer(*_without_corners(search, found))
+    answers = [over_all]
+    if over_all is None or over_all[1].explained < enough:
         near = search.over(up_to_horizon(search.data, found.walls))
         if near.data.excess > HORIZON_HOLDS * search.data.excess:
-            other, better = _without_corners(near, found)
-    if better is None or not _clearly_more(better, found):
-        return search, found
-    return _without_corner_edges(other, better)
+            sooner = _with_answer(*_without_corners(near, found))
+            answers = [_better_near(near, sooner, over_all), over_all]
+    for answer in answers:
+        if answer is not None and _clearly_more(answer[1], found):
+            return _without_corner_edges(*answer)
+    return search, found
+
+
+def _with_answer(search: Search, found: Found | None) -> tuple[Search, Found] | None:
+    return None if found is None else (search, found)
+
+
+def _better_near(
+    near: Search, sooner: tuple[Search, Found] | None, over_all: tuple[Search, Found] | None
+) -> tuple[Search, Found] | None:
+    """Return the better of two answers up to the horizon: the one found there, and that over the whole range.
+
+    Each is judged by what it leaves there without the echoes of its own corners.
+    """
+    if over_all is None or over_all[1].wave is None:
+        return sooner
+    judge = _over_without_corners(near, over_all[1].wave)
+    judged = judge.again(over_all[1])
+    if judged is None or judged.wave is None or (sooner is not None and sooner[1].explained >= judged.explained):
+        return sooner
+    return judge, judged
+
+
+def _over_without_corners(search: Search, wave: Wave) -> Search:
+    """The search over what the corners of a waveform's walls do not return."""
+    other = search.over(without_corner_echoes(search.data, wave))
+    other.approximate, other.whole = True, search.data
+    return other
 
 
 def imaged_track(search: Search, chain: Chain, track: Track, enough: float) -> Track:
@@ -95,8 +128,7 @@ def _without_corners(search: Search, found: Found) -> tuple[Search, Found | None
     for _ in range(_EDGES_CHANGED):
         for _ in range(CORNER_ROUNDS):
             assert better.wave is not None, 'is refined by the waveform'
-            other = search.over(without_corner_echoes(search.data, better.wave))
-            other.approximate, other.whole = True, search.data
+            other = _over_without_corners(search, better.wave)
             again = other.again(better)
             if again is None or again.wave is None:
                 return other, None

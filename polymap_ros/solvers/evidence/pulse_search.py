@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.edge_phase import COMMON, EdgePhase
 from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse, rung
-from polymap_ros.solvers.evidence.moves.louder import DIFFERENCES, beside, louder_by, unit
+from polymap_ros.solvers.evidence.moves.louder import DIFFERENCES, across, louder_by, unit
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -147,7 +147,7 @@ class PulseFit:
         moves = _moves(wave)
         slopes = [gains * np.tensordot(guess.taps, self._late(
             (self._likelihood.without_carrier(move(wave, step)) - plain) / step), 1) for move, step in moves]
-        columns = np.array([beside(own, each).ravel() for each in (*slopes, *(gains * late), *(1j * gains * late))])
+        columns = np.array([across(own, each).ravel() for each in (*slopes, *(gains * late), *(1j * gains * late))])
         square = np.real(np.conj(columns) @ columns.T) * data.weight
         along = np.real(np.conj(columns) @ (self._heard - whole).ravel()) * data.weight
         prior = np.zeros(len(columns))

@@ -16,6 +16,7 @@ from polymap_ros.solvers.evidence.moves.inner_wall import rehearse_inner_walls
 from polymap_ros.solvers.evidence.moves.start import chosen, start_at
 from polymap_ros.solvers.evidence.proposals import Candidates
 from polymap_ros.solvers.evidence.ring_search import rehearse_rings
+from polymap_ros.solvers.evidence.round_holes import rehearse_round_holes
 from polymap_ros.solvers.evidence.search import search_of
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.snapshot import Snapshot
@@ -42,11 +43,13 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
     with suppress(Stopped):
         improved(search, square, 1, np.empty((0, 2)), residual=True)
         search.settle(square)
-    search.judge(square)
+    judged = search.judge(square)
     rehearse_faint()
     if parameters.solver.outline == 'auto' and IS_COMPILED:
         rehearse_rings(search, walls.lines)
         rehearse_holes(search, walls.lines)
         rehearse_inner_walls()
+        if judged is not None:
+            rehearse_round_holes(search, judged)
     first_walls(search.data.positions, np.full(len(search.data.positions), half), search.data.pulse.width_m)
     Snapshot.of(evidence).region.iou(corners_of(walls.lines)[1])

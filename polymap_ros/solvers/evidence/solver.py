@@ -15,15 +15,16 @@ from polymap_ros.solvers.estimate import Estimate
 from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard, pulse_adapted
 from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.drift import Follower, begun
-from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, spectral_misfit
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, rings
 from polymap_ros.solvers.evidence.horizon import up_to_sides
 from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
+from polymap_ros.solvers.evidence.round_holes import fitted_round, with_round_holes
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
-from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
+from polymap_ros.solvers.evidence.spacing import too_far_apart
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
 from polymap_ros.solvers.evidence.tracking import Chain, Track, with_inner_walls
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, ANOTHER_POLYGON, EXPLAINED
@@ -49,11 +50,6 @@ not explain."""
 _TRACKED_FROM = 8
 """Pings from which that is tried, a window of them."""
 
-_ANOTHER_PULSE = 0.2
-"""Np by which the echoes' spectrum differs from the pulse's from which another one is looked for. It is 0.02 to 0.05 in
-plates, rooms, other media, a second mode and under drift, 0.12 at -10 dB, 0.06 to 0.15 where a metre takes 0.35 Np;
-with transducers of Q 3, 5 and 10 it is 0.43, 0.6 and 0.8 (each five scenes, even seeds)."""
-
 _DROWNED = 0.3
 """Uncertainty of the share explained from which echoes are too weak for a window of them to tell anything."""
 
@@ -74,9 +70,6 @@ explains enough, to end the search: of five outlines that were left open (even s
 _MENDED = 3
 """Edges that may be exchanged or added by trying all lines."""
 
-_ALONE = 2.0
-"""Times the range that is listened to which lie between a ping and the nearest other one: no place is heard by two."""
-
 
 class EvidenceSolver:
     """Search by annealing and single changes, judged by the likelihoods of `power` and `waveform`.
@@ -96,6 +89,7 @@ class EvidenceSolver:
         self._untracked = False  # poses were tried, and none found
         self._unsure_ring: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
+        self._circles: NDArray[np.float64] | None = None  # of the last answer's round holes
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Return what cannot be found again from the evidence, the poses and the pulse, as arrays."""
@@ -118,6 +112,7 @@ class EvidenceSolver:
         straight = _straight(snapshot)
         checkpoint()
         search, self._last, track = self._found(reported, chain, evidence)
+        self._circles = None if search.round_holes is None else search.round_holes.circles
         chain = chain.as_found(track.pings, track.poses) if track else chain
         findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None,
                             self._unsure_ring)
@@ -144,7 +139,7 @@ class EvidenceSolver:
         odometry says. Pings that are too far apart are not worth more than one start, nor are poses looked for then, or
         where ranges may be off by a factor.
         """
-        heard, apart = evidence.all_places.count, _apart(evidence)
+        heard, apart = evidence.all_places.count, too_far_apart(evidence)
         in_vain = apart or misheard(evidence)
         enough = EXPLAINED + _CLEARLY - reported.uncertainty / 3.0
         track, plain = None, None  # the best outline by all that was heard
@@ -156,7 +151,7 @@ class EvidenceSolver:
             track = imaged_track(reported, chain, track, enough)
             search, best = track.search, track.found
         elif self._last is not None and (plain := reported.again(self._last)) is not None:
-            search, best = imaged(reported, plain, enough)
+            search, best = self._again_round(reported, *imaged(reported, plain, enough), plain, enough)
         if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best, track
         self._searched = heard
@@ -173,6 +168,7 @@ class EvidenceSolver:
                 if found.value > tried + ANOTHER_POLYGON:
                     tried = found.value
                     search, best = self._with_inner_walls(search, best, enough)
+                    search, best = self._with_round_holes(reported, found, search, best, enough)
             if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
                 ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
                 if _explains(reported, ring, EXPLAINED - reported.uncertainty):
@@ -203,6 +199,28 @@ class EvidenceSolver:
             return search, found
         return _explaining(search, found, search, search.with_inner_walls(found), enough)
 
+    def _with_round_holes(
+        self, reported: Search, plain: Found, search: Search, found: Found, enough: float
+    ) -> tuple[Search, Found]:
+        """The answer with round holes, where they explain what the outline leaves."""
+        if _explains(search, found, enough) or not self._beyond_convex(reported):
+            return search, found
+        other, better = with_round_holes(reported, plain, enough)
+        if other is not reported and _explains(other, better, EXPLAINED - other.uncertainty):
+            return other, better
+        return search, found
+
+    def _again_round(
+        self, reported: Search, search: Search, found: Found, plain: Found, enough: float
+    ) -> tuple[Search, Found]:
+        """The last answer, with the round holes that it had, where it had some and they still explain the echoes."""
+        if self._circles is None or plain.wave is None or _explains(search, found, enough):
+            return search, found
+        again = fitted_round(reported, plain, self._circles)
+        if again is not None and _explains(*again, EXPLAINED - again[0].uncertainty):
+            return again
+        return search, found
+
     def _pierced(
         self, reported: Search, plain: Found, search: Search, found: Found, enough: float
     ) -> tuple[Search, Found]:
@@ -223,9 +241,7 @@ class EvidenceSolver:
     def _adapted(self, reported: Search) -> Adapted | None:
         """What is found by another pulse, where the echoes' spectrum is not that of the one that was given."""
         asked_for = self._parameters.pulse.adapt == 'auto' and self._parameters.pulse.kind != 'file'
-        if not (asked_for and reported.coherent and self._pulse is None):
-            return None
-        if spectral_misfit(reported.data) < _ANOTHER_PULSE:
+        if not (asked_for and reported.coherent and self._pulse is None and rings(reported)):
             return None
         own = adapted(reported, ALL_EXPLAINED - reported.uncertainty / 3.0)
         self._pulse = own and own.pulse
@@ -298,12 +314,6 @@ class EvidenceSolver:
         if self._other is not None and self._other.value < found.value - AS_LIKELY:
             self._other = None
         return found, self._other
-
-
-def _apart(evidence: Evidence) -> bool:
-    """Whether most pings are so far from all others that they hear no place that another one hears."""
-    assert evidence.pulse is not None, 'the mapper knows its pulse'
-    return apart_m(evidence.all_places) > _ALONE * reach_m(evidence.heard, evidence.pulse)
 
 
 def _explains(search: Search, found: Found | None, enough: float) -> bool:

@@ -46,9 +46,9 @@ def _fitted(likelihood: WaveformLikelihood, wave: Wave) -> Wave:
     left, predicted = likelihood.without_carrier() - whole, unit(whole)
     moved = [(step, louder_by(wave, {name: step})) for name, step in DIFFERENCES.items()]
     moved.append((_REFLECTED, _reflecting(wave, 1.0 + _REFLECTED)))
-    columns = [beside(predicted, (likelihood.without_carrier(other) - whole) / step).ravel() for step, other in moved]
+    columns = [across(predicted, (likelihood.without_carrier(other) - whole) / step).ravel() for step, other in moved]
     square = np.real(np.conj(columns) @ np.array(columns).T)
-    along = np.real(np.conj(columns) @ beside(predicted, left).ravel())
+    along = np.real(np.conj(columns) @ across(predicted, left).ravel())
     *step, reflected = np.linalg.lstsq(square, along, rcond=1e-9)[0]
     return louder_by(_reflecting(wave, float(np.exp(reflected))), dict(zip(DIFFERENCES, step, strict=True)))
 
@@ -71,7 +71,7 @@ def unit(waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
     return np.asarray(waveforms / np.maximum(norm, 1e-300))
 
 
-def beside(unit: NDArray[np.complex128], waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
+def across(unit: NDArray[np.complex128], waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Return what of pings (N, n) is not a real multiple of others of norm 1."""
     share = np.real(np.sum(np.conj(unit) * waveforms, axis=1, keepdims=True))
     return np.asarray(waveforms - share * unit)
