@@ -58,6 +58,9 @@ _IN_TURN = 3
 _DIAGONAL = 1e-4
 """Share of the mean diagonal that is added to normal equations: from 1e-5 to 1e-3 it changes nothing."""
 
+_SILENCED = 1e-6
+"""Coefficient that stands for none, where a logarithm is needed."""
+
 _MOVED_M, _TURNED_RAD, _LOST, _DELAYED_RAD = 2e-5, 2e-5, 1e-3, 1e-3
 """Differences of r, theta, ln |rho| and phases by which derivatives are taken."""
 
@@ -154,7 +157,7 @@ class PulseFit:
         n = len(wave.walls)
         prior[2 * n:3 * n] = LOSS_DEVIATION**-2.0
         square += np.diag(prior + _DIAGONAL * np.diag(square))
-        along[2 * n:3 * n] -= prior[2 * n:3 * n] * np.log(np.abs(wave.walls.reflection))
+        along[2 * n:3 * n] -= prior[2 * n:3 * n] * np.log(np.maximum(np.abs(wave.walls.reflection), _SILENCED))
         steps = np.linalg.lstsq(square, along, rcond=1e-12)[0][:len(moves)]
         best = guess
         for share in _STEP_SHARES:
@@ -172,35 +175,37 @@ Move: TypeAlias = Callable[[Wave, float], Wave]
 
 def _moves(wave: Wave) -> list[tuple[Move, float]]:
     """How each number changes a waveform, and by how much it is changed for a derivative: r, theta and ln |rho| of all
-    walls, then what all echoes count for, then the phases.
+    walls, then what all echoes count for, then the phases but the one head on.
     """
-    def wall(axis: int, k: int) -> Move:
-        def moved(wave: Wave, step: float) -> Wave:
-            walls = wave.walls
-            if axis == 2:
-                reflection = walls.reflection.copy()
-                reflection[k] *= np.exp(step)
-                return wave.with_walls(replace(walls, reflection=reflection))
-            lines = walls.lines.copy()
-            lines[k, axis] += step
-            return wave.with_walls(replace(walls, lines=lines))
-        return moved
+    walls = range(len(wave.walls))
+    phases = range(1, COMMON) if len(wave.edge.law) else ()
+    return [
+        *((partial(_shifted, 0, k), _MOVED_M) for k in walls), *((partial(_shifted, 1, k), _TURNED_RAD) for k in walls),
+        *((partial(_reflecting_more, k), _LOST) for k in walls),
+        *((partial(_louder, name), step) for name, step in DIFFERENCES.items()),
+        *((partial(_delayed, k), _DELAYED_RAD) for k in phases)]
 
-    def phase(k: int) -> Move:
-        def moved(wave: Wave, step: float) -> Wave:
-            found = wave.edge.found.copy()
-            found[k] += step
-            return replace(wave, edge=replace(wave.edge, found=found))
-        return moved
 
-    steps = _MOVED_M, _TURNED_RAD, _LOST
-    moves = [(wall(axis, k), steps[axis]) for axis in range(3) for k in range(len(wave.walls))]
-    moves += [(partial(_louder, name), step) for name, step in DIFFERENCES.items()]
-    return moves + [(phase(k), _DELAYED_RAD) for k in range(1, COMMON if len(wave.edge.law) else 1)]
+def _shifted(axis: int, k: int, wave: Wave, step: float) -> Wave:
+    lines = wave.walls.lines.copy()
+    lines[k, axis] += step
+    return wave.with_walls(replace(wave.walls, lines=lines))
+
+
+def _reflecting_more(k: int, wave: Wave, step: float) -> Wave:
+    reflection = wave.walls.reflection.copy()
+    reflection[k] *= np.exp(step)
+    return wave.with_walls(replace(wave.walls, reflection=reflection))
 
 
 def _louder(name: str, wave: Wave, step: float) -> Wave:
     return louder_by(wave, {name: step})
+
+
+def _delayed(k: int, wave: Wave, step: float) -> Wave:
+    found = wave.edge.found.copy()
+    found[k] += step
+    return replace(wave, edge=replace(wave.edge, found=found))
 
 
 def pulse_guesses(search: Search, fit: PulseFit, walls: Walls) -> list[Guess]:
