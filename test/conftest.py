@@ -79,7 +79,8 @@ HEAVY = {
     'test_a_replay_writes_the_pulse_which_the_next_one_takes',
     'test_a_recording_may_have_more_parts_than_a_process_may_have_files_at_first',
     'test_outlines_that_are_not_convex_are_mapped', 'test_where_only_convex_ones_are_asked_for_an_l_stays_open',
-    'test_an_l_with_real_corners_is_mapped'}
+    'test_an_l_with_real_corners_is_mapped',
+    'test_the_pulse_of_a_transducer_is_found_and_the_walls_with_it'}
 """Tests of ten seconds and more, together half of the time: ``pytest -m heavy`` runs them."""
 
 HERE = Path(__file__).parent

@@ -151,7 +151,7 @@ ROWS = {
     'pulse.bandwidth_hz': (5e4, mapped, CHIRP),
     'pulse.duration_s': (2e-4, mapped, CHIRP),
     'pulse.path': ('short.npy', mapped, {'pulse.kind': 'file', 'pulse.path': 'long.npy'}),
-    'pulse.adapt': 'calibration/test_pulse_fit.py: test_it_is_looked_for_where_nobody_said_that_it_is_right',
+    'pulse.adapt': 'solvers/evidence/test_pulse_search.py: test_a_pulse_that_is_said_to_be_right_is_left',
     'echo.type': (IMAGE, mapped, {'topics.echo': '/image', 'echo.sample_period_s': 1e-6}),
     'echo.samples_field': ('velocity', mapped, OWN),
     'echo.samples_dtype': ('float32', mapped, RAW),

@@ -77,7 +77,7 @@ def test_the_solver_maps_by_the_pulse_that_it_finds_and_goes_on_with_it(ringing)
     np.testing.assert_allclose(restored.polygon.vertices, answer.polygon.vertices, atol=1e-4)
 
 
-@pytest.mark.parametrize('name', ['q_5_free_edge', 'mild'])
+@pytest.mark.parametrize('name', [pytest.param('q_5_free_edge', marks=pytest.mark.heavy), 'mild'])
 def test_with_it_the_law_of_the_edges_and_what_the_device_does_are_found(name):
     scene = VARIANTS[name].make(104, 4)
     _, mapper, answer = solved(scene)
