@@ -204,8 +204,7 @@ class EchoData:
         power = power[:, :last // stride + 1]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         first_m = np.array([sounding.rho for sounding in soundings])
-        cells = np.minimum(np.nan_to_num(first_m) / (stride * pulse.step_m), power.shape[1]).astype(np.int64)
-        louder = early_noise(power, first, cells, pulse.width_m / (stride * pulse.step_m))
+        louder = early_noise(power, first, first_m, stride * pulse.step_m, pulse.width_m)
         if louder > 1.0:
             signal *= np.float32(louder**-0.5)
             power = power / louder

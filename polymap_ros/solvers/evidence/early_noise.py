@@ -14,16 +14,16 @@ _BEFORE_WIDTHS = 2.0
 _QUANTILE = 0.25
 """Of cells before the first echo: some hold an echo of another mode, or of a wall that reflects little."""
 
-_STRONGER, _DEVIATIONS = 1.25, 3.0
-"""Power over the noise's, and standard deviations beyond it, from which noise is taken for stronger. In scenes of white
-noise (plates, air, resonant transducers, walls of 0.2) it is 0.95 to 1.3; of noise of which a sample passes 0.9 on to
-the next, 2.3 to 2.6."""
+_OTHER, _DEVIATIONS = 0.1, 3.0
+"""Share by which the noise differs from what it counts as, and standard deviations beyond, from which it does. Of white
+noise (plates, air, walls of 0.2, even seeds) it is 0.95 to 1.12 times that, with echoes of S0 before the first of A0
+1.1 to 1.6; of noise of which a sample passes 0.9 on to the next, 2.3 to 2.6."""
 
 
 def early_noise(
-    power: NDArray[np.float64], first_cell: int, ends: NDArray[np.int64], cells_per_width: float
+    power: NDArray[np.float64], first_cell: int, first_m: NDArray[np.float64], cell_m: float, width_m: float
 ) -> float:
-    """Return the noise's power over what it counts as, 1 where it is not clearly stronger.
+    """Return the noise's power over what it counts as, 1 where it is not clearly another.
 
     Parameters
     ----------
@@ -31,16 +31,17 @@ def early_noise(
         As in `EchoData`: exponential with mean 1 where there is noise only.
     first_cell : int
         Cells before this are blanked.
-    ends : ndarray, shape (N,)
-        Cell of each ping's first echo.
-    cells_per_width : float
-        Cells per independent one.
+    first_m : ndarray, shape (N,)
+        Range of each ping's first echo [m]; nan where none is heard.
+    cell_m, width_m : float
+        Step of the cells, and the pulse's width, which is one independent cell [m].
     """
-    last = ends - int(np.ceil(_BEFORE_WIDTHS * cells_per_width))
+    cells_per_width = width_m / cell_m
+    last = (np.nan_to_num(first_m) / cell_m - _BEFORE_WIDTHS * cells_per_width).astype(np.int64)
     early = np.concatenate([row[first_cell:max(end, first_cell)] for row, end in zip(power, last, strict=True)])
     if len(early) == 0:
         return 1.0
     level = float(np.quantile(early, _QUANTILE)) / -np.log(1.0 - _QUANTILE)
     # Of an exponential's quantile, over its mean.
     deviation = np.sqrt(_QUANTILE / (1.0 - _QUANTILE) * cells_per_width / len(early)) / -np.log(1.0 - _QUANTILE)
-    return level if level > _STRONGER + _DEVIATIONS * level * deviation else 1.0
+    return level if abs(level - 1.0) > _OTHER + _DEVIATIONS * level * deviation else 1.0

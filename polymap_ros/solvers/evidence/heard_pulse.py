@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.early_noise import early_noise
 from polymap_ros.solvers.evidence.search import Search
 
 AFTER_CYCLES = 15.0
@@ -88,6 +89,9 @@ class HeardPulse:
         ranges = nominal.step_m * np.arange(n)
         signal *= np.exp(2j * (nominal.carrier - pulse.carrier) * ranges) / np.sqrt(loud)
         other = replace(data, pulse=pulse).with_signal(signal.astype(np.complex64))
+        # Of noise that is not white another part counts.
+        noise = early_noise(other.power, data.first_cell, data.first_m, data.cell_m, pulse.width_m)
+        other = other.with_signal(other.signal * np.float32(noise**-0.5))
         return other.up_to(data.range_max_m - len(self._whole) * nominal.step_m)  # beyond, the ringing is cut off
 
     def _compressed(self, nominal: PulseShape) -> tuple[PulseShape, float]:

@@ -24,7 +24,7 @@ from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
 from polymap_ros.solvers.evidence.moves.louder import hear_louder
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
-from polymap_ros.solvers.evidence.moves.phase import turn_phase
+from polymap_ros.solvers.evidence.moves.phase import turn_law, turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
 from polymap_ros.solvers.evidence.moves.retune import retune
 from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
@@ -100,6 +100,7 @@ Schedule: TypeAlias = tuple[tuple[Callable[[Ground, Standing], Wave | None], flo
 _OF_ANY_OUTLINE: Schedule = (
     (tune_storey, np.inf),
     (hear_louder, np.inf),  # before strengths by order take what is lost on the way
+    (turn_law, ALL_EXPLAINED),
     (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off

@@ -12,7 +12,7 @@ from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.early_noise import early_noise
 from polymap_ros.solvers.evidence.search import search_of
 
-ENDS = np.full(60, 60)
+FIRST_M = np.full(60, 60.0)
 
 
 def power(level, seed=1):
@@ -23,15 +23,16 @@ def power(level, seed=1):
     return cells
 
 
-def test_louder_noise_is_told_and_white_noise_is_not():
+def test_other_noise_is_told_and_white_noise_is_not():
     for seed in range(20):
-        assert early_noise(power(1.0, seed), 5, ENDS, 1.0) == 1.0
-        assert early_noise(power(2.0, seed), 5, ENDS, 1.0) == pytest.approx(2.0, rel=0.15)
+        assert early_noise(power(1.0, seed), 5, FIRST_M, 1.0, 1.0) == 1.0
+        assert early_noise(power(0.5, seed), 5, FIRST_M, 1.0, 1.0) == pytest.approx(0.5, rel=0.15)
+        assert early_noise(power(2.0, seed), 5, FIRST_M, 1.0, 1.0) == pytest.approx(2.0, rel=0.15)
 
 
 def test_where_nothing_is_heard_before_the_first_echo_nothing_is_told():
-    assert early_noise(power(3.0), 5, np.full(60, 6), 1.0) == 1.0
-    assert early_noise(power(3.0)[:1], 5, ENDS[:1] - 40, 1.0) == 1.0  # 13 cells of one ping
+    assert early_noise(power(3.0), 5, np.full(60, 6.0), 1.0, 1.0) == 1.0
+    assert early_noise(power(3.0)[:1], 5, FIRST_M[:1] - 40.0, 1.0, 1.0) == 1.0  # 13 cells of one ping
 
 
 @pytest.mark.parametrize('edges', [3, 8])

@@ -32,7 +32,8 @@ def hear_louder(ground: Ground, standing: Standing) -> Wave | None:
     found: Wave | None = wave
     for _ in range(_FITTED_TIMES):
         ground.checkpoint()
-        found = found and ground.wave.evaluate(found.walls, _fitted(ground.wave, found), FULL_ORDER)
+        fitted = found and _fitted(ground.wave, found)
+        found = fitted and ground.wave.evaluate(fitted.walls, fitted, FULL_ORDER)
     louder = found and ground.wave.refine(found, FULL_ORDER)
     return louder if louder is not None and louder.value > LOUDNESS_WORTH * wave.value else None
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from polymap_ros.solvers.evidence.edge_phase import REAL
 from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.louder import hear_louder
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
@@ -11,6 +12,7 @@ from polymap_ros.solvers.evidence.tuning import (
     EDGE_PRICE,
     EXPLAINED,
     FULL_ORDER,
+    LAW_WORTH,
     PHASED,
 )
 from polymap_ros.solvers.evidence.waveform import Wave
@@ -38,4 +40,24 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
             # Where much was left, it may be a wall that is wrong: then phases do not explain all of it.
             if standing.explained >= EXPLAINED or ground.explained(better) > ALL_EXPLAINED:
                 return better
+    return None
+
+
+def turn_law(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform by another law of phases, where that explains all, with what device and medium do beside.
+
+    By a pulse of narrow band a law that is wrong explains much, with walls that are a quarter of a cycle off.
+    """
+    if standing.explained < PHASED:
+        return None
+    for law in ground.edges:
+        if law.law is standing.wave.edge.law:
+            continue
+        ground.checkpoint()
+        turned = ground.aligned(standing.power, law.freed() if len(law.law) else law)
+        if turned is None:
+            continue
+        louder = hear_louder(ground, Standing(standing.power, turned, ground.explained(turned))) or turned
+        if louder.value > LAW_WORTH * standing.wave.value and ground.explained(louder) > ALL_EXPLAINED:
+            return louder
     return None
