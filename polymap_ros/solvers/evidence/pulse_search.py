@@ -239,20 +239,23 @@ def adapted(search: Search, enough: float) -> Adapted | None:
     fit, best = PulseFit(WaveformLikelihood(data)), None
     begun = (_by_power(search), _by_power(search.over(rung(search.data).heard(search.data))))
     guesses = [guess for power in begun if power is not None for guess in pulse_guesses(search, fit, power.walls)]
+    guess = _climbed(search, fit, guesses)
     for count in range(_ROUNDS_OF_WALLS):
-        guess = _climbed(search, fit, guesses)
         if guess is None:
             break
         pulse = fit.pulse(guess, search.edges)
         other = pulse.over(search)
         settled = _settled(other, guess.wave, anew=count == 0)
-        better = settled and settled.wave and (best is None or settled.explained > best.found.explained)
+        # A later guess fits better: it counts where it explains enough, too.
+        better = settled and settled.wave and (
+            best is None or settled.explained > min(best.found.explained, enough))
         if settled is None or not (better or count == 0):
             break
         best = Adapted(pulse, other, settled) if better else best
-        if settled.explained > enough and len(settled.walls) == len(guess.wave.walls):
+        # Where walls were wrong, so may the law have been that they told.
+        before, guess = guess.score, _climbed(search, fit, pulse_guesses(search, fit, settled.walls))
+        if guess is not None and guess.score < before + _NO_BETTER:
             break
-        guesses = pulse_guesses(search, fit, settled.walls)
     return best if best is not None and best.found.explained > enough else None
 
 
