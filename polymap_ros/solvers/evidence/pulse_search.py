@@ -64,6 +64,10 @@ _SILENCED = 1e-6
 _MOVED_M, _TURNED_RAD, _LOST, _DELAYED_RAD = 2e-5, 2e-5, 1e-3, 1e-3
 """Differences of r, theta, ln |rho| and phases by which derivatives are taken."""
 
+_FARTHEST = 500.0
+"""Times these differences that a step changes a number at most: 10 mm, 0.6 deg, and phases of 30 deg, beyond which
+echoes are not linear in it."""
+
 
 class Guess(NamedTuple):
     """A waveform of unit amplitudes by the nominal pulse, and the taps, amplitudes and score that fit it best.
@@ -158,7 +162,8 @@ class PulseFit:
         prior[2 * n:3 * n] = LOSS_DEVIATION**-2.0
         square += np.diag(prior + _DIAGONAL * np.diag(square))
         along[2 * n:3 * n] -= prior[2 * n:3 * n] * np.log(np.maximum(np.abs(wave.walls.reflection), _SILENCED))
-        steps = np.linalg.lstsq(square, along, rcond=1e-12)[0][:len(moves)]
+        most = np.array([_FARTHEST * abs(step) for _, step in moves])
+        steps = np.clip(np.linalg.lstsq(square, along, rcond=1e-12)[0][:len(moves)], -most, most)
         best = guess
         for share in _STEP_SHARES:
             moved = wave
@@ -181,7 +186,7 @@ def _moves(wave: Wave) -> list[tuple[Move, float]]:
     phases = range(1, COMMON) if len(wave.edge.law) else ()
     return [
         *((partial(_shifted, 0, k), _MOVED_M) for k in walls), *((partial(_shifted, 1, k), _TURNED_RAD) for k in walls),
-        *((partial(_reflecting_more, k), _LOST) for k in walls),
+        *((partial(_reflecting_more, k), -_LOST) for k in walls),
         *((partial(_louder, name), step) for name, step in DIFFERENCES.items()),
         *((partial(_delayed, k), _DELAYED_RAD) for k in phases)]
 
@@ -194,7 +199,7 @@ def _shifted(axis: int, k: int, wave: Wave, step: float) -> Wave:
 
 def _reflecting_more(k: int, wave: Wave, step: float) -> Wave:
     reflection = wave.walls.reflection.copy()
-    reflection[k] *= np.exp(step)
+    reflection[k] = np.clip(reflection[k] * np.exp(step), _SILENCED, 1.0)
     return wave.with_walls(replace(wave.walls, reflection=reflection))
 
 
