@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.errors import StateError
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.early_noise import early_noise
@@ -41,6 +42,9 @@ _BINS = 16
 
 _PADDED_TIMES = 4
 """The spectrum's points over the signal's."""
+
+_MOST_STEPS = 100_000
+"""Steps that taps of a saved state may span."""
 
 _PADDED = 8
 """Steps beyond the pulse that its derivatives reach."""
@@ -75,7 +79,7 @@ class HeardPulse:
     def over(self, search: Search) -> Search:
         """Return the search over what is heard by this pulse, its law first, no delay head on being free."""
         known = list(search.edges)
-        laws = [known.pop(self.law), *known]
+        laws = [known.pop(min(self.law, len(known) - 1)), *known]
         return search.over(self.heard(search.data), tuple(law.as_pinned() for law in laws))
 
     def heard(self, data: EchoData) -> EchoData:
@@ -117,8 +121,10 @@ class HeardPulse:
         """Return what `state` was made of; None where there was none."""
         if 'pulse_taps' not in state:
             return None
-        first, apart, law = (int(value) for value in np.asarray(state['pulse_at']))
-        return cls(np.asarray(state['pulse_taps'], complex), first, apart, law)
+        taps, (first, apart, law) = np.asarray(state['pulse_taps'], complex), np.asarray(state['pulse_at']).tolist()
+        if taps.ndim != 1 or not 0 < len(taps) * apart < _MOST_STEPS or not np.all(np.isfinite(taps)) or law < 0:
+            raise StateError('the pulse that was found is none')
+        return cls(taps, int(first), int(apart), int(law))
 
 
 def spectral_misfit(data: EchoData) -> float:

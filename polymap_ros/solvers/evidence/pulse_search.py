@@ -124,6 +124,8 @@ class PulseFit:
             power = np.maximum(np.real(np.einsum('l,nlk,k->n', np.conj(values), square, values)), 1e-300)
             agreeing = np.real(along @ np.conj(values))
             amplitudes = np.maximum(agreeing, 0.0) / power
+            if not np.any(amplitudes):  # the echoes have nothing of these walls
+                return Guess(wave, values, amplitudes, -np.inf)
         score = float(np.sum(2.0 * amplitudes * agreeing - amplitudes**2 * power)) / self._energy
         return Guess(wave, values, amplitudes, score)
 

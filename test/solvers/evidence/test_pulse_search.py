@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from polymap_ros.errors import StateError
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.geometry.polygon_error import compare
@@ -75,6 +76,15 @@ def test_the_solver_maps_by_the_pulse_that_it_finds_and_goes_on_with_it(ringing)
     restored = again.solve(mapper.evidence)
     assert [each.code for each in restored.cautions] == ['pulse_adapted']
     np.testing.assert_allclose(restored.polygon.vertices, answer.polygon.vertices, atol=1e-4)
+
+
+@pytest.mark.parametrize('damage', [{'pulse_taps': np.array((1.0, np.nan))}, {'pulse_at': np.array((0, 0, 0))},
+                                    {'pulse_at': np.array((0, 10**6, 0))}, {'pulse_at': np.array((0, 1, -1))}])
+def test_a_damaged_pulse_of_a_saved_state_is_refused(damage):
+    state = HeardPulse(np.array((1.0, 0.5j))).state()
+    np.testing.assert_array_equal(HeardPulse.restored(state).taps, (1.0, 0.5j))
+    with pytest.raises(StateError, match='the pulse that was found'):
+        HeardPulse.restored(state | damage)
 
 
 @pytest.mark.parametrize('name', [pytest.param('q_5_free_edge', marks=pytest.mark.heavy), 'mild'])
