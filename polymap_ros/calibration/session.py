@@ -106,6 +106,7 @@ class Session:
         self._recorded = recorded_pulse
         self._speed = self._group_speed(parameters)
         self._noise: dict[int, float] = {}
+        self._louder: float | None = None
         self._heard: tuple[Parameters, Evidence] | None = None
 
     def watched(self, checkpoint: Checkpoint) -> 'Session':
@@ -118,13 +119,6 @@ class Session:
     def pings(self) -> tuple[Ping, ...]:
         """What was heard."""
         return self._pings
-
-    def with_pulse(self, pulse: RecordedPulse) -> 'Session':
-        """Return the same session, heard by another pulse."""
-        parameters = self.parameters.replaced({'pulse.kind': 'file'})
-        other = Session(parameters, self._poses, self._at.tolist(), self._pings, self._locate, pulse)
-        other.checkpoint, other._noise = self.checkpoint, self._noise  # likelihoods are of the same samples
-        return other
 
     def mapper(self, parameters: Parameters) -> PolygonMapper:
         """A mapper that has heard all of it with these parameters; its beamforming map is not to be looked at."""
@@ -169,7 +163,10 @@ class Session:
             x, y, yaw = at[sounding.stamp_ns]
             noise = self._noise.setdefault(sounding.stamp_ns, sounding.noise)
             soundings.append(dataclasses.replace(sounding, x=x, y=y, yaw=yaw, noise=noise))
-        return search_of(dataclasses.replace(evidence, soundings=tuple(soundings)), parameters, self.checkpoint)
+        heard = dataclasses.replace(evidence, soundings=tuple(soundings))
+        search = search_of(heard, parameters, self.checkpoint, self._louder)
+        self._louder = search.data.louder
+        return search
 
     def evidence(self, parameters: Parameters) -> Evidence:
         """What is heard, at the places as reported: not heard again where only the odometry changes."""

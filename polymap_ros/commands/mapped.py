@@ -95,7 +95,7 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
             pulse, (mapper, replay, tape) = result, _heard(recording, parameters, interval_s, result.recorded)
             estimate = console.worked(mapper.solve, f'{name}: solving')
         noted.append(calibrating.pulse_told(session, result))
-    if not noted:
+    if not noted and 'pulse_adapted' not in (each.code for each in estimate.cautions):
         noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
     if mapper.plane and not mapper.plane.is_xy:
         truth = true_path = true_inside = None  # they are in the odometry's x and y

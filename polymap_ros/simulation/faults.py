@@ -125,7 +125,7 @@ def first_echo_faults(
 
 def directed(faults: Faults, yaw: float, found: list[Way]) -> NDArray[np.float64]:
     """What emitter and receiver, at a heading of the base [rad], make of the amplitudes of paths (m,): factors."""
-    ends = np.array([(way.legs[0], -way.legs[-1]) for way in found])
+    ends = np.array([(way.legs[0], -way.legs[-1]) for way in found]).reshape(-1, 2, 2)
     phi = np.arctan2(ends[..., 1], ends[..., 0]) - yaw
     return np.asarray((1.0 + faults.directivity * np.cos(phi)).prod(axis=1))
 

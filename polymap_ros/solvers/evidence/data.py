@@ -68,6 +68,8 @@ class EchoData:
         x and y of the device on the robot, and of its baseline there.
     foot_limits : tuple of float
         Least and most evidence [nats] that one ping may bring for or against a wall where walls are proposed.
+    louder : float
+        Power of the noise over what the pings' own noise says.
     """
 
     positions: NDArray[np.float64]
@@ -85,6 +87,7 @@ class EchoData:
     first_m: NDArray[np.float64]
     arm_m: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     foot_limits: tuple[float, float] = (-np.inf, np.inf)
+    louder: float = 1.0
 
     def at(self, poses: NDArray[np.float64]) -> 'EchoData':
         """Return the same pings heard at other poses (N, 3) of the robot's base."""
@@ -182,9 +185,12 @@ class EchoData:
     @classmethod
     def of(
         cls, soundings: Sequence[Sounding], pulse: PulseShape, spreading: float, blanking_m: float,
-        baseline_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        baseline_m: tuple[float, float, float] = (0.0, 0.0, 0.0), louder: float | None = None,
     ) -> 'EchoData':
-        """Gather soundings, whose echoes lie on one range axis, of a sensor with this baseline (forward, left, up)."""
+        """Gather soundings, whose echoes lie on one range axis, of a sensor with this baseline (forward, left, up).
+
+        The noise is so many times `louder` than it counts as; by `early_noise` unless that is given.
+        """
         mount, (x, y, z) = soundings[0].mount, baseline_m
         c, s = np.cos(mount.yaw), np.sin(mount.yaw)
         bases = [sounding.base for sounding in soundings]
@@ -204,7 +210,8 @@ class EchoData:
         power = power[:, :last // stride + 1]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         first_m = np.array([sounding.rho for sounding in soundings])
-        louder = early_noise(power, first, first_m, stride * pulse.step_m, pulse.width_m)
+        if louder is None:  # quieter noise is `filling`
+            louder = max(early_noise(power, first, first_m, stride * pulse.step_m, pulse.width_m), 1.0)
         if louder > 1.0:
             signal *= np.float32(louder**-0.5)
             power = power / louder
@@ -217,5 +224,5 @@ class EchoData:
         nowhere, upwards = np.empty((len(poses), 2)), np.full((len(poses), 3), z)
         data = cls(nowhere, upwards, signal, np.ascontiguousarray(power), filling, gain, first, float(ranges[last]),
                    stride * pulse.step_m, pulse, spreading, poses, first_m,
-                   (mount.x, mount.y, x * c - y * s, x * s + y * c))
+                   (mount.x, mount.y, x * c - y * s, x * s + y * c), louder=louder)
         return data.at(poses)

@@ -77,11 +77,12 @@ class EdgePhase:
 
     def freed(self, by_wall: bool = False) -> 'EdgePhase':
         """Return the same with p, or p and q, to be found."""
-        return replace(self if len(self.law) else EdgePhase.of(0.0), free=True, by_wall=by_wall)
+        law = self if len(self.law) else EdgePhase.of(0.0)
+        return replace(law, free=True, by_wall=by_wall, pinned=self.pinned)
 
     def as_pinned(self) -> 'EdgePhase':
-        """Return the same with p_0 known; what delays nothing stays as it is."""
-        return replace(self, pinned=True) if len(self.law) else self
+        """Return the same with p_0 known."""
+        return replace(self, pinned=True)
 
     def held(self) -> 'EdgePhase':
         """Return the same with nothing to be found."""

@@ -122,7 +122,7 @@ class Ground:
         if edge is not None:
             return self._aligned(power, edge)
         first, *others = self.edges
-        best = self._aligned(power, first if first is REAL else first.freed())
+        best = self._aligned(power, first.freed() if len(first.law) else first)
         if not others or (best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty):
             return best
         least = -np.inf if best is None else EDGE_WORTH * best.value

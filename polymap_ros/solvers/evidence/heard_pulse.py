@@ -87,15 +87,18 @@ class HeardPulse:
         nominal, n = data.pulse, data.signal.shape[1]
         pulse, loud = self._compressed(nominal)
         signal = np.zeros((len(data.signal), n), complex)
-        for lag, value in zip(self.first + self.apart * np.arange(len(self.taps)), self.taps, strict=True):
+        lags = self.first + self.apart * np.arange(len(self.taps))
+        for lag, value in zip(lags[np.abs(lags) < n], self.taps[np.abs(lags) < n], strict=True):
             here, there = slice(max(-lag, 0), n - max(lag, 0)), slice(max(lag, 0), n - max(-lag, 0))
             signal[:, here] += np.conj(value) * data.signal[:, there]
         ranges = nominal.step_m * np.arange(n)
         signal *= np.exp(2j * (nominal.carrier - pulse.carrier) * ranges) / np.sqrt(loud)
         other = replace(data, pulse=pulse).with_signal(signal.astype(np.complex64))
         # Of noise that is not white another part counts.
-        noise = early_noise(other.power, data.first_cell, data.first_m, data.cell_m, pulse.width_m)
-        other = other.with_signal(other.signal * np.float32(noise**-0.5))
+        power = other.power - other.filling[:, None]
+        noise = early_noise(power, data.first_cell, data.first_m, data.cell_m, pulse.width_m)
+        first = min(max(data.first_cell, int(np.ceil(pulse.width_m / data.cell_m))), power.shape[1] - 1)
+        other = replace(other.with_signal(other.signal * np.float32(noise**-0.5)), first_cell=first)
         return other.up_to(data.range_max_m - len(self._whole) * nominal.step_m)  # beyond, the ringing is cut off
 
     def _compressed(self, nominal: PulseShape) -> tuple[PulseShape, float]:
@@ -153,7 +156,7 @@ def rung(data: EchoData) -> HeardPulse:
     size = _PADDED_TIMES * data.signal.shape[1]
     whole = np.interp(np.fft.fftfreq(size), frequency, logarithm - logarithm.mean())
     cepstrum = np.fft.ifft(whole)
-    longest = int(AFTER_CYCLES * np.pi / data.pulse.carrier / data.pulse.step_m)
+    longest = min(int(AFTER_CYCLES * np.pi / data.pulse.carrier / data.pulse.step_m), data.signal.shape[1] - 1)
     cepstrum[1:longest] *= 2.0
     cepstrum[longest:] = 0.0
     return HeardPulse(np.fft.ifft(np.exp(np.fft.fft(cepstrum)))[:longest])

@@ -43,7 +43,7 @@ _STEP_SHARES = 1.0, 0.3
 """Shares of such a step that are tried, the first that is better."""
 
 _FITTED_TO = 15
-"""Pings by which taps are fitted, at least: ten are enough at 0 dB."""
+"""Pings by which taps are fitted, or all where there are fewer: ten are enough at 0 dB."""
 
 _TOLD_BY, _TOLD_TO = 10, 0.3
 """Pings from which a pulse is looked for: so many tell one at 0 dB; and the uncertainty of the share explained beyond
@@ -94,7 +94,8 @@ class PulseFit:
         self._likelihood, data = likelihood, likelihood.data
         self._data = data
         cycle = np.pi / data.pulse.carrier / data.cell_m
-        self._lags = np.arange(-int(_BEFORE_CYCLES * cycle), int(AFTER_CYCLES * cycle) + 1)
+        last = min(int(AFTER_CYCLES * cycle), data.power.shape[1] - 1)
+        self._lags = np.arange(-min(int(_BEFORE_CYCLES * cycle), last), last + 1)
         self._heard = likelihood.without_carrier()[:, data.first_cell:]
         self._energy = float(np.sum(np.abs(self._heard) ** 2))
 
@@ -153,7 +154,7 @@ class PulseFit:
         gains = guess.amplitudes[:, None]
         whole = gains * np.tensordot(guess.taps, late, 1)
         own = unit(whole)
-        moves = _moves(wave)
+        moves = moves_of(wave)
         slopes = [gains * np.tensordot(guess.taps, self._late(
             (self._likelihood.without_carrier(move(wave, step)) - plain) / step), 1) for move, step in moves]
         columns = np.array([across(own, each).ravel() for each in (*slopes, *(gains * late), *(1j * gains * late))])
@@ -165,6 +166,8 @@ class PulseFit:
         square += np.diag(prior + _DIAGONAL * np.diag(square))
         along[2 * n:3 * n] -= prior[2 * n:3 * n] * np.log(np.maximum(np.abs(wave.walls.reflection), _SILENCED))
         most = np.array([_FARTHEST * abs(step) for _, step in moves])
+        if not np.all(np.isfinite(square)):
+            return guess
         steps = np.clip(np.linalg.lstsq(square, along, rcond=1e-12)[0][:len(moves)], -most, most)
         best = guess
         for share in _STEP_SHARES:
@@ -180,9 +183,10 @@ class PulseFit:
 Move: TypeAlias = Callable[[Wave, float], Wave]
 
 
-def _moves(wave: Wave) -> list[tuple[Move, float]]:
-    """How each number changes a waveform, and by how much it is changed for a derivative: r, theta and ln |rho| of all
-    walls, then what all echoes count for, then the phases but the one head on.
+def moves_of(wave: Wave) -> list[tuple[Move, float]]:
+    """Return how each number changes a waveform, and by how much it is changed for a derivative.
+
+    r, theta and ln |rho| of all walls, then what all echoes count for, then the phases but the one head on.
     """
     walls = range(len(wave.walls))
     phases = range(1, COMMON) if len(wave.edge.law) else ()
@@ -201,7 +205,7 @@ def _shifted(axis: int, k: int, wave: Wave, step: float) -> Wave:
 
 def _reflecting_more(k: int, wave: Wave, step: float) -> Wave:
     reflection = wave.walls.reflection.copy()
-    reflection[k] = np.clip(reflection[k] * np.exp(step), _SILENCED, 1.0)
+    reflection[k] = np.clip(reflection[k] * np.exp(step), -1.0, 1.0)
     return wave.with_walls(replace(wave.walls, reflection=reflection))
 
 

@@ -332,19 +332,19 @@ class Search(Ground):
 
 
 def _schedule_of(walls: Walls) -> Schedule:
-    if len(walls) > walls.ring:
-        return INSIDE
-    return SCHEDULE if walls.convex_outline else RINGS
+    return INSIDE if len(walls) > walls.ring else SCHEDULE if walls.convex_outline else RINGS
 
 
-def search_of(evidence: Evidence, parameters: Parameters, checkpoint: Checkpoint = unwatched) -> Search:
-    """A search over the pings whose echoes are kept."""
+def search_of(
+    evidence: Evidence, parameters: Parameters, checkpoint: Checkpoint = unwatched, louder: float | None = None
+) -> Search:
+    """A search over the pings whose echoes are kept; `louder` as in `EchoData.of`."""
     assert evidence.pulse is not None, 'the mapper knows its pulse'
     sensor = parameters.sensor
     data = EchoData.of(evidence.heard, evidence.pulse, parameters.medium.spreading, parameters.echo.blanking_m,
-                       (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m))
+                       (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m), louder)
     generator = np.random.default_rng(parameters.solver.seed)
     coherent = parameters.echo.kind == 'rf'
     dispersed = not coherent and parameters.medium.model == 'lamb_a0'
-    edges = laws(parameters.medium)
-    return Search(data, parameters.solver.max_edges, generator, coherent, dispersed, checkpoint, edges)
+    return Search(data, parameters.solver.max_edges, generator, coherent, dispersed, checkpoint,
+                  laws(parameters.medium))

@@ -97,7 +97,8 @@ class EvidenceSolver:
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
-        self._drift, self._pulse = Follower.restored(state), HeardPulse.restored(state)
+        self._drift = Follower.restored(state)
+        self._pulse = HeardPulse.restored(state) if self._may_adapt else None
 
     def solve(self, evidence: Evidence, checkpoint: Checkpoint = unwatched) -> Estimate:
         """Return the polygon that explains the echoes that are kept, or what is certain where none does."""
@@ -105,13 +106,12 @@ class EvidenceSolver:
         kept = len(evidence.heard)
         if kept < MIN_PINGS:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(too_few_pings(kept),))
-        reported = search_of(evidence, self._parameters, checkpoint)
-        if self._pulse is not None:
-            reported = self._pulse.over(reported)
+        nominal = search_of(evidence, self._parameters, checkpoint)
+        reported = self._pulse.over(nominal) if self._pulse else nominal
         chain = Chain.of(evidence.heard, reported.data, OdometryNoise.assumed(self._parameters.slam))
         straight = _straight(snapshot)
         checkpoint()
-        search, self._last, track = self._found(reported, chain, evidence)
+        search, self._last, track = self._found(reported, nominal, chain, evidence)
         self._circles = None if search.round_holes is None else search.round_holes.circles
         chain = chain.as_found(track.pings, track.poses) if track else chain
         findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None,
@@ -131,7 +131,7 @@ class EvidenceSolver:
         return dataclasses.replace(answer, trajectory=path, cautions=(*answer.cautions, *path_cautions(path, chain)))
 
     def _found(
-        self, reported: Search, chain: Chain, evidence: Evidence
+        self, reported: Search, nominal: Search, chain: Chain, evidence: Evidence
     ) -> tuple[Search, Found | None, Track | None]:
         """The last answer refined while it explains the echoes, or until there is more to go by; else a new search.
 
@@ -155,7 +155,7 @@ class EvidenceSolver:
         if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
             return search, best, track
         self._searched = heard
-        if (own := None if in_vain or self._drift.on else self._adapted(reported)) is not None:
+        if (own := None if in_vain or self._drift.on else self._adapted(nominal)) is not None:
             return own.search, own.found, None
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
@@ -238,14 +238,21 @@ class EvidenceSolver:
         asked_for = self._parameters.solver.outline == 'auto'
         return asked_for and search.coherent and IS_COMPILED and len(search.data.positions) >= _RINGS_FROM
 
-    def _adapted(self, reported: Search) -> Adapted | None:
-        """What is found by another pulse, where the echoes' spectrum is not that of the one that was given."""
-        asked_for = self._parameters.pulse.adapt == 'auto' and self._parameters.pulse.kind != 'file'
-        if not (asked_for and reported.coherent and self._pulse is None and rings(reported)):
+    def _adapted(self, nominal: Search) -> Adapted | None:
+        """What is found by another pulse, where the echoes' spectrum is not that of the one that was given.
+
+        One that was found before is replaced: it may be told by more pings now.
+        """
+        if not (self._may_adapt and nominal.coherent and rings(nominal)):
             return None
-        own = adapted(reported, ALL_EXPLAINED - reported.uncertainty / 3.0)
-        self._pulse = own and own.pulse
+        own = adapted(nominal, ALL_EXPLAINED - nominal.uncertainty / 3.0)
+        self._pulse = own.pulse if own else self._pulse
         return own
+
+    @property
+    def _may_adapt(self) -> bool:
+        """Whether nobody says that the pulse is right."""
+        return self._parameters.pulse.adapt == 'auto' and self._parameters.pulse.kind != 'file'
 
     def _storey(self, reported: Search) -> tuple[Storey, float]:
         """Floor and ceiling that all pings hear, of a room, and the strength of their echoes; a plate has none."""

@@ -1,6 +1,7 @@
 """The pulse of a transducer that rings, found with the walls, against the one that was simulated."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,9 +13,13 @@ from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
+from polymap_ros.solvers.evidence.edge_phase import REAL
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, rung, spectral_misfit
+from polymap_ros.solvers.evidence.pulse_search import moves_of
 from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.evidence.solver import EvidenceSolver
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.waveform import Wave
 
 
 def search_in(scene: Scene) -> Search:
@@ -101,3 +106,32 @@ def test_a_pulse_that_is_said_to_be_right_is_left(ringing):
     few = dataclasses.replace(ringing, poses=ringing.poses[:20])
     _, _, answer = solved(few, **{'pulse.adapt': 'off', 'slam.mode': 'off', 'solver.outline': 'convex'})
     assert 'pulse_adapted' not in [each.code for each in answer.cautions]
+
+
+def test_a_step_leaves_the_signs_of_walls_and_silent_ones_alone():
+    walls = replace(Walls.of_polygon(np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)))),
+                    reflection=np.array((-0.9, 0.5, 0.0, 1.0)))
+    wave = Wave(walls, 0.0, 0.0, np.ones(1), edge=REAL)
+    for k, (move, _) in enumerate(moves_of(wave)[8:12]):
+        changed = move(wave, -0.1).walls.reflection
+        expected = walls.reflection.copy()
+        expected[k] *= np.exp(-0.1)
+        np.testing.assert_allclose(changed, expected)
+
+
+@pytest.mark.parametrize('steps', [40, 150])
+def test_pings_shorter_than_the_ringing_are_no_error(ringing_data, steps):
+    short = dataclasses.replace(
+        ringing_data, signal=ringing_data.signal[:, :steps], power=ringing_data.power[:, :steps // 3],
+        range_max_m=ringing_data.pulse.step_m * steps)
+    heard = rung(short).heard(short)
+    assert heard.signal.shape == short.signal.shape
+    assert np.all(np.isfinite(heard.power))
+
+
+def test_beside_a_pulse_that_is_found_no_delay_head_on_is_free(ringing_data):
+    search = HeardPulse(np.array((1.0, 0.5j)), law=1).over(search_in(VARIANTS['plate'].make(4, 4)))
+    assert len(search.edges) == 4
+    assert len(search.edges[0].law)
+    for law in search.edges:
+        assert law.freed().precision(4)[0] > 1e5

@@ -63,7 +63,8 @@ def louder_by(wave: Wave, steps: dict[str, float]) -> Wave:
 
 def _reflecting(wave: Wave, factor: float) -> Wave:
     """Return the waveform with all coefficients multiplied, not evaluated."""
-    return wave.with_walls(replace(wave.walls, reflection=factor * wave.walls.reflection))
+    reflection = np.clip(factor * wave.walls.reflection, -1.0, 1.0)
+    return wave.with_walls(replace(wave.walls, reflection=reflection))
 
 
 def unit(waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:

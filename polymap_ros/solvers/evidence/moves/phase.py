@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from polymap_ros.solvers.evidence.edge_phase import REAL
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.louder import hear_louder
 from polymap_ros.solvers.evidence.moves.standing import Standing
@@ -23,7 +22,8 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
     all walls, then each wall's own.
     """
     wave = standing.wave
-    known = ground.edges == (REAL,) or wave.edge.by_wall
+    told = len(ground.edges) == 1 and not len(ground.edges[0].law)
+    known = told or wave.edge.by_wall
     if known or standing.explained < PHASED:
         return None
     least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
