@@ -64,6 +64,9 @@ _SILENCED = 1e-6
 _MOVED_M, _TURNED_RAD, _LOST, _DELAYED_RAD = 2e-5, 2e-5, 1e-3, 1e-3
 """Differences of r, theta, ln |rho| and phases by which derivatives are taken."""
 
+_MENDED_RAD = 0.6
+"""By how much each number of a law is mended at most: what differs by more is another law."""
+
 _FARTHEST = 500.0
 """Times these differences that a step changes a number at most: 10 mm, 0.6 deg, and phases of 30 deg, beyond which
 echoes are not linear in it."""
@@ -215,7 +218,7 @@ def _louder(name: str, wave: Wave, step: float) -> Wave:
 
 def _delayed(k: int, wave: Wave, step: float) -> Wave:
     found = wave.edge.found.copy()
-    found[k] += step
+    found[k] = np.clip(found[k] + step, -_MENDED_RAD, _MENDED_RAD)
     return replace(wave, edge=replace(wave.edge, found=found))
 
 
