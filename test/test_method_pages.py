@@ -1,5 +1,6 @@
 """The pages of the method lead to the code: each file and each name that they give is there."""
 
+import importlib.util
 import re
 from pathlib import Path
 
@@ -37,3 +38,14 @@ def test_figures_and_sections_that_are_linked_are_there(page):
     for name, section in re.findall(r'\]\((\w+\.md)#([\w-]+)\)', text):
         titles = re.findall(r'^#+ (.+)$', (page.parent / name).read_text(encoding='utf-8'), re.MULTILINE)
         assert section in [re.sub(r'[^\w -]', '', title).lower().replace(' ', '-') for title in titles]
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize('name', ['ping', 'images', 'power', 'waveform', 'cycles'])
+def test_figures_are_drawn_by_the_code_as_it_is(name):
+    """Those that take seconds."""
+    pytest.importorskip('matplotlib')
+    spec = importlib.util.spec_from_file_location('figures', TOP / 'doc' / 'method' / 'figures.py')
+    figures = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(figures)
+    assert figures.FIGURES[name]().axes

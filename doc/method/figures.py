@@ -31,7 +31,7 @@ from polymap_ros.simulation.waves import wave_echoes
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
-from polymap_ros.solvers.evidence.wave_sums import Echoes, predict
+from polymap_ros.solvers.evidence.waveform import WaveformLikelihood
 from polymap_ros.solvers.paper.annealing import Landscape, cost_of
 from polymap_ros.solvers.paper.solver import PaperSolver, filtered
 from polymap_ros.solvers.snapshot import Snapshot
@@ -257,32 +257,21 @@ def waveform() -> Figure:
     """The compressed signal of one ping, heard and predicted, and what is left."""
     *_, search, found = plate()
     wave, data = found.wave, search.data
-    vertices, _ = half_plane_polygon(wave.walls.lines)
-    step, carrier = data.pulse.step_m, data.pulse.carrier
-    echoes = Echoes(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, step, carrier,
-                    data.pulse.baseband, data.pulse.curvature)
-    predicted = np.zeros(data.signal.shape, complex)
-    corners = np.roll(vertices, first_corner(wave.walls.lines), axis=0)
-    predict(corners, wave.loudness, echoes, step, wave.walls.reflection, wave.edge.table,
-            wave.edge.own(wave.walls.delay), wave.storey.images(FULL_ORDER), wave.amplitudes * np.exp(1j * wave.phase),
-            predicted[None])
+    step = data.pulse.step_m
     range_m = step * np.arange(data.signal.shape[1])
-    signal = data.signal[PING] * np.exp(2j * carrier * range_m)
+    each_step = WaveformLikelihood(dataclasses.replace(data, cell_m=step, power=np.ones(data.signal.shape)))
+    signal, predicted = (waveform[PING] * np.exp(2j * data.pulse.carrier * range_m) for waveform in (
+        each_step.without_carrier(), each_step.without_carrier(wave)))
     figure, (above, below) = figure_of(2, 1, (7.0, 4.4), sharex=True, sharey=True)
     above.plot(range_m, signal.real, color=HEARD, linewidth=1.3, label='heard')
-    above.plot(range_m, predicted[PING].real, color=TRUTH, linewidth=0.9, linestyle='--', label='predicted')
-    below.plot(range_m, (signal - predicted[PING]).real, color=LEFT, linewidth=0.9, label='left')
+    above.plot(range_m, predicted.real, color=TRUTH, linewidth=0.9, linestyle='--', label='predicted')
+    below.plot(range_m, (signal - predicted).real, color=LEFT, linewidth=0.9, label='left')
     below.axhspan(-2.0, 2.0, color='0.9', label='two deviations of the noise')
     below.set(xlabel='range r [m]', xlim=(0.0, 1.3))
     for axes in (above, below):
         axes.set_ylabel('eq. (3), in noise')
         axes.legend(loc='upper right', ncols=2)
     return figure
-
-
-def first_corner(lines: NDArray[np.float64]) -> int:
-    """Return by how much corners in the order of positive angles are to be rolled to begin at the first line's."""
-    return int(np.sum(lines[:, 1] < 0.0))
 
 
 def cycles() -> Figure:

@@ -86,15 +86,14 @@ def map_recording(recording: 'Recording', parameters: Parameters, arguments: arg
         if isinstance(fit, Fit):
             parameters = parameters.replaced(fit.values)
             mapper, replay, tape = _heard(recording, parameters, interval_s)
-    estimate = console.worked(mapper.solve, f'{name}: solving')
     if what == 'pulse':
         session = tape.session(read_pulse(parameters))
         result = calibrating.pulse_found(session, name)
         if isinstance(result, FittedPulse):
             parameters = parameters.replaced({'pulse.kind': 'file', 'pulse.path': PULSE})
             pulse, (mapper, replay, tape) = result, _heard(recording, parameters, interval_s, result.recorded)
-            estimate = console.worked(mapper.solve, f'{name}: solving')
         noted.append(calibrating.pulse_told(session, result))
+    estimate = console.worked(mapper.solve, f'{name}: solving')
     if not noted and 'pulse_adapted' not in (each.code for each in estimate.cautions):
         noted += calibrating.checked(tape.session(read_pulse(parameters)), estimate, name)
     if mapper.plane and not mapper.plane.is_xy:

@@ -64,21 +64,24 @@ def _rolled(share: float) -> Callable[[int, int], Scene]:
     return make
 
 
+def _off_centre(seed: int, edges: int) -> float:
+    """A transducer's frequency over the pulse's, -8 to +8 % off, by the seed and the number of edges."""
+    return float(np.random.default_rng([seed, edges, 8]).uniform(0.92, 1.08))
+
+
 def mild(scene: Scene) -> Scene:
     """The scene with everything that a real plate and a real device do, none of it strong."""
-    centre = float(np.random.default_rng([scene.seed, len(scene.vertices), 8]).uniform(0.92, 1.08))
-    faults = dataclasses.replace(scene.faults, transducer_q=3.0, transducer_centre=centre, directivity=0.3,
-                                 noise_colour=0.9)
+    faults = dataclasses.replace(scene.faults, transducer_q=3.0, directivity=0.3, noise_colour=0.9,
+                                 transducer_centre=_off_centre(scene.seed, len(scene.vertices)))
     return dataclasses.replace(
         scene, faults=faults, edges=Edges(kind='free', poisson=0.30), propagation=Propagation(attenuation_np_m=0.35),
         gain_range_db=12.0, order=8, reflection=np.full(len(scene.vertices), 0.9))
 
 
 def _resonant(quality: float, times: int = 1, **edges: Any) -> Callable[[int, int], Scene]:
-    """A transducer whose centre is -8 to +8 % off, by the seed and the number of edges."""
+    """A transducer whose centre is off."""
     def make(seed: int, count: int) -> Scene:
-        centre = float(np.random.default_rng([seed, count, 8]).uniform(0.92, 1.08))
-        faults = Faults(transducer_q=quality, transducer_centre=centre, transducer_times=times)
+        faults = Faults(transducer_q=quality, transducer_centre=_off_centre(seed, count), transducer_times=times)
         return dataclasses.replace(random_scene(seed, count), faults=faults, edges=Edges(**edges))
     return make
 

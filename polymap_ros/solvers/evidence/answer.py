@@ -271,10 +271,3 @@ def _inner_walls(found: Found, certainty: Certainty, data: EchoData) -> tuple[In
             _edge(found.walls.lines[wall], wall, certainty, int(np.sum((along >= row[3]) & (along <= row[4])))),
             float(found.walls.reflection[wall]), float(found.walls.interior.spans[k, 2])))
     return tuple(told)
-
-
-def pulse_adapted(explained: float) -> Caution:
-    """Return what to know of a map by a pulse that was found with it."""
-    share = f'{min(explained, 1.0):.1%}'
-    return Caution('pulse_adapted', 'the map is made with a pulse that was fitted to the echoes, not with the one that '
-                                    f"was given: with it {share} of the echoes' power is explained")

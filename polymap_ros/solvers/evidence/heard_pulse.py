@@ -141,15 +141,15 @@ def spectral_misfit(data: EchoData) -> float:
     return float(np.sqrt(energy @ (logarithm - mean) ** 2 / energy.sum()))
 
 
-def rings(search: Search) -> bool:
+def is_of_another_pulse(search: Search) -> bool:
     """Whether the echoes' spectrum is not that of the nominal pulse, by more than noise makes of it."""
     return spectral_misfit(search.data) > _ANOTHER_PULSE + _OF_NOISE * search.uncertainty
 
 
-def rung(data: EchoData) -> HeardPulse:
-    """Return the filter of least phase whose strength over the band is that of the echoes, which needs no walls.
+def minimum_phase_pulse(data: EchoData) -> HeardPulse:
+    """Return the filter of minimum phase whose strength over the band is that of the echoes, which needs no walls.
 
-    A resonance is one of least phase: its strength over frequency tells its phase, and how late it makes the pulse.
+    A resonance is one of minimum phase: its strength over frequency tells its phase, and how late it makes the pulse.
     """
     frequency, strength, energy = _strengths(data)
     logarithm = _logarithm(strength, energy)

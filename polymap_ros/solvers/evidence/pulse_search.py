@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.edge_phase import COMMON, EdgePhase
-from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse, rung
+from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse, minimum_phase_pulse
 from polymap_ros.solvers.evidence.moves.louder import DIFFERENCES, across, louder_by, unit
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.tuning import EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
@@ -241,17 +241,18 @@ class Adapted(NamedTuple):
     found: Found
 
 
-def adapted(search: Search, enough: float) -> Adapted | None:
-    """Return the pulse by which walls explain `enough` of the echoes, and these walls; None where there is none.
+def adapted(search: Search) -> Adapted | None:
+    """Return the pulse by which walls explain all of the echoes, and these walls; None where there is none.
 
-    The first walls are those that power finds by the nominal pulse, and by one that rings as the echoes' spectrum
-    tells. Walls that are missed so are found by a better pulse, and tell more of it in turn.
+    The first walls are those that power finds by the nominal pulse, and by one of minimum phase with the echoes'
+    spectrum. Walls that are missed so are found by a better pulse, and tell more of it in turn.
     """
     if len(search.data.positions) < _TOLD_BY or search.uncertainty > _TOLD_TO:
         return None
+    enough = ALL_EXPLAINED - search.uncertainty / 3.0
     data = search.data.every(max(len(search.data.positions) // _FITTED_TO, 1))
     fit, best = PulseFit(WaveformLikelihood(data)), None
-    begun = (_by_power(search), _by_power(search.over(rung(search.data).heard(search.data))))
+    begun = (_by_power(search), _by_power(search.over(minimum_phase_pulse(search.data).heard(search.data))))
     guesses = [guess for power in begun if power is not None for guess in pulse_guesses(search, fit, power.walls)]
     guess = _climbed(search, fit, guesses)
     for count in range(_ROUNDS_OF_WALLS):

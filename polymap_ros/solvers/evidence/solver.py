@@ -12,22 +12,24 @@ from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.estimate import Estimate
-from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard, pulse_adapted
+from polymap_ros.solvers.evidence import wording
+from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard
 from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.drift import Follower, begun
-from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, rings
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, is_of_another_pulse
 from polymap_ros.solvers.evidence.horizon import up_to_sides
 from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
-from polymap_ros.solvers.evidence.round_holes import fitted_round, with_round_holes
+from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import too_far_apart
+from polymap_ros.solvers.evidence.standing_inside import as_round_as_before, explains, pierced, with_inside
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
 from polymap_ros.solvers.evidence.tracking import Chain, Track, with_inner_walls
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, ANOTHER_POLYGON, EXPLAINED
+from polymap_ros.solvers.evidence.tuning import ANOTHER_POLYGON, EXPLAINED
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
 from polymap_ros.solvers.snapshot import Snapshot
 from polymap_ros.solvers.solver import Evidence
@@ -89,7 +91,7 @@ class EvidenceSolver:
         self._untracked = False  # poses were tried, and none found
         self._unsure_ring: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
-        self._circles: NDArray[np.float64] | None = None  # of the last answer's round holes
+        self._round_holes: RoundHoles | None = None  # of the last answer
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Return what cannot be found again from the evidence, the poses and the pulse, as arrays."""
@@ -112,7 +114,7 @@ class EvidenceSolver:
         straight = _straight(snapshot)
         checkpoint()
         search, self._last, track = self._found(reported, nominal, chain, evidence)
-        self._circles = None if search.round_holes is None else search.round_holes.circles
+        self._round_holes = search.round_holes
         chain = chain.as_found(track.pings, track.poses) if track else chain
         findings = Findings(evidence, snapshot, search, straight, chain if self._untracked else None,
                             self._unsure_ring)
@@ -124,7 +126,7 @@ class EvidenceSolver:
         joint = known(track.with_found(found), chain) if track else None
         answer = findings.concluded(found, other, joint.walls if joint else None)
         if self._pulse is not None:
-            answer = dataclasses.replace(answer, cautions=(*answer.cautions, pulse_adapted(found.explained)))
+            answer = dataclasses.replace(answer, cautions=(*answer.cautions, wording.pulse_adapted(found.explained)))
         if track is None or joint is None or (straight and answer.status == 'open'):
             return answer
         path = trajectory_of(track, chain, joint)
@@ -151,8 +153,9 @@ class EvidenceSolver:
             track = imaged_track(reported, chain, track, enough)
             search, best = track.search, track.found
         elif self._last is not None and (plain := reported.again(self._last)) is not None:
-            search, best = self._again_round(reported, *imaged(reported, plain, enough), plain, enough)
-        if heard < _SEARCH_AGAIN * self._searched or _explains(reported, best, enough):
+            search, best = as_round_as_before(
+                reported, plain, *imaged(reported, plain, enough), self._round_holes, enough)
+        if heard < _SEARCH_AGAIN * self._searched or explains(reported, best, enough):
             return search, best, track
         self._searched = heard
         if (own := None if in_vain or self._drift.on else self._adapted(nominal)) is not None:
@@ -167,11 +170,11 @@ class EvidenceSolver:
                 search, best = imaged(reported, found, enough)
                 if found.value > tried + ANOTHER_POLYGON:
                     tried = found.value
-                    search, best = self._with_inner_walls(search, best, enough)
-                    search, best = self._with_round_holes(reported, found, search, best, enough)
-            if number == _TRACKED_AFTER and not in_vain and not _explains(reported, best, enough):
+                    if self._beyond_convex(reported):
+                        search, best = with_inside(reported, found, search, best, enough)
+            if number == _TRACKED_AFTER and not in_vain and not explains(reported, best, enough):
                 ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
-                if _explains(reported, ring, EXPLAINED - reported.uncertainty):
+                if explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return ringed, ring, None
                 self._unsure_ring = ring
                 tracked = self._tracked(reported, chain, plain, enough)
@@ -180,55 +183,24 @@ class EvidenceSolver:
                     plain = best
                 elif _tells_more(ring, best):  # no convex one will do
                     return search, best, None
-            elif better and best is not None and number > _TRACKED_AFTER:
-                search, best = self._pierced(reported, plain or best, search, best, enough)
-            if apart or _explains(reported, best, enough):
+            elif better and best is not None and number > _TRACKED_AFTER and self._beyond_convex(reported):
+                search, best = pierced(reported, plain or best, search, best, enough)
+            if apart or explains(reported, best, enough):
                 return search, best, track
-        if best is not None and heard >= _SCAN_AGAIN * self._scanned:
-            self._scanned = heard
-            for _ in range(_MENDED):
-                mended = search.mended(best)
-                if mended is None:
-                    break
-                best = mended
+        best = best and self._mended(search, best, heard)
         return search, best, track and best and track.with_found(best)
 
-    def _with_inner_walls(self, search: Search, found: Found, enough: float) -> tuple[Search, Found]:
-        """The answer with walls that stand inside, where they explain what the outline leaves."""
-        if found.explained > ALL_EXPLAINED or not self._beyond_convex(search):
-            return search, found
-        return _explaining(search, found, search, search.with_inner_walls(found), enough)
-
-    def _with_round_holes(
-        self, reported: Search, plain: Found, search: Search, found: Found, enough: float
-    ) -> tuple[Search, Found]:
-        """The answer with round holes, where they explain what the outline leaves."""
-        if _explains(search, found, enough) or not self._beyond_convex(reported):
-            return search, found
-        other, better = with_round_holes(reported, plain, enough)
-        if other is not reported and _explains(other, better, EXPLAINED - other.uncertainty):
-            return other, better
-        return search, found
-
-    def _again_round(
-        self, reported: Search, search: Search, found: Found, plain: Found, enough: float
-    ) -> tuple[Search, Found]:
-        """The last answer, with the round holes that it had, where it had some and they still explain the echoes."""
-        if self._circles is None or plain.wave is None or _explains(search, found, enough):
-            return search, found
-        again = fitted_round(reported, plain, self._circles)
-        if again is not None and _explains(*again, EXPLAINED - again[0].uncertainty):
-            return again
-        return search, found
-
-    def _pierced(
-        self, reported: Search, plain: Found, search: Search, found: Found, enough: float
-    ) -> tuple[Search, Found]:
-        """The answer with holes, where they explain what the outline leaves."""
-        hole = reported.first_hole(plain) if self._beyond_convex(reported) else None
-        if hole is None:
-            return search, found
-        return _explaining(search, found, reported, reported.settle(reported.with_holes(hole)), enough)
+    def _mended(self, search: Search, found: Found, heard: int) -> Found:
+        """The answer with edges exchanged or added by trying all lines, where there is more to go by than last time."""
+        if heard < _SCAN_AGAIN * self._scanned:
+            return found
+        self._scanned = heard
+        for _ in range(_MENDED):
+            mended = search.mended(found)
+            if mended is None:
+                break
+            found = mended
+        return found
 
     def _beyond_convex(self, search: Search) -> bool:
         """Whether outlines that are not convex, or have something inside, are asked for and can be found.
@@ -243,9 +215,9 @@ class EvidenceSolver:
 
         One that was found before is replaced: it may be told by more pings now.
         """
-        if not (self._may_adapt and nominal.coherent and rings(nominal)):
+        if not (self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)):
             return None
-        own = adapted(nominal, ALL_EXPLAINED - nominal.uncertainty / 3.0)
+        own = adapted(nominal)
         self._pulse = own.pulse if own else self._pulse
         return own
 
@@ -276,7 +248,7 @@ class EvidenceSolver:
             if ring.value > worth:
                 worth = ring.value
                 search, best = imaged(heard, ring, enough)
-            if _explains(reported, best, enough):
+            if explains(reported, best, enough):
                 break
         return search, best
 
@@ -297,7 +269,7 @@ class EvidenceSolver:
             return None
         unmoved = reported.again(track.found)
         by_chance = _BY_CHANCE * len(chain.poses)
-        if unmoved is not None and _explains(reported, unmoved, enough) and (
+        if unmoved is not None and explains(reported, unmoved, enough) and (
                 unmoved.value > track.found.value - by_chance):
             return reported, unmoved, None  # only the walls were off
         self._drift.keep(track, chain)
@@ -321,23 +293,6 @@ class EvidenceSolver:
         if self._other is not None and self._other.value < found.value - AS_LIKELY:
             self._other = None
         return found, self._other
-
-
-def _explains(search: Search, found: Found | None, enough: float) -> bool:
-    """Whether an answer explains so much of the echoes, in phase where they have one."""
-    return found is not None and found.explained > enough and found.walls.let_through and (
-        found.wave is not None or not search.coherent)
-
-
-def _explaining(
-    search: Search, found: Found, other_search: Search, other: Found | None, enough: float
-) -> tuple[Search, Found]:
-    """What was found, or another, if that explains the echoes, each with the search over what images can explain."""
-    if other is not None:
-        other_search, other = imaged(other_search, other, enough)
-        if _explains(other_search, other, EXPLAINED - other_search.uncertainty):
-            return other_search, other
-    return search, found
 
 
 def _tells_more(ring: Found | None, convex: Found | None) -> bool:

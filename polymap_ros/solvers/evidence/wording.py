@@ -222,3 +222,9 @@ def dispersion() -> Caution:
 def as_likely_mirrored() -> Caution:
     """Say that the mirror image explains the echoes, too."""
     return Caution('mirror_image', 'two polygons, mirror images about the path, explain the echoes equally well')
+
+def pulse_adapted(explained: float) -> Caution:
+    """Return what to know of a map by a pulse that was found with it."""
+    share = f'{min(explained, 1.0):.1%}'
+    return Caution('pulse_adapted', 'the map is made with a pulse that was fitted to the echoes, not with the one that '
+                                    f"was given: with it {share} of the echoes' power is explained")

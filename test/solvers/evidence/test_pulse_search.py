@@ -14,7 +14,7 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.solvers.evidence.edge_phase import REAL
-from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, rung, spectral_misfit
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.pulse_search import moves_of
 from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.evidence.solver import EvidenceSolver
@@ -59,7 +59,7 @@ def test_the_noise_stays_noise_of_the_same_power(ringing_data):
     root = np.sqrt(np.maximum(np.abs(np.fft.fft(psi, 4096)), 0.0))  # noise after eq. (3) has the pulse's spectrum
     coloured = np.fft.ifft(np.fft.fft(quiet, 4096, axis=1) * root, axis=1)[:, :quiet.shape[1]]
     data = ringing_data.with_signal((coloured / np.sqrt(0.5 * np.mean(np.abs(coloured) ** 2))).astype(np.complex64))
-    heard = rung(ringing_data).heard(data)
+    heard = minimum_phase_pulse(ringing_data).heard(data)
     middle = heard.power[:, 100:500] - heard.filling[:, None]
     assert np.mean(middle) == pytest.approx(1.0, abs=0.1)
 
@@ -124,7 +124,7 @@ def test_pings_shorter_than_the_ringing_are_no_error(ringing_data, steps):
     short = dataclasses.replace(
         ringing_data, signal=ringing_data.signal[:, :steps], power=ringing_data.power[:, :steps // 3],
         range_max_m=ringing_data.pulse.step_m * steps)
-    heard = rung(short).heard(short)
+    heard = minimum_phase_pulse(short).heard(short)
     assert heard.signal.shape == short.signal.shape
     assert np.all(np.isfinite(heard.power))
 
