@@ -87,23 +87,32 @@ def are_kept() -> bool:
     return all(getattr(getattr(each, '_cache', None), 'cache_path', None) is not None for each in _KERNELS)
 
 
-def kernel(function: F) -> F:
+def kernel(function: F, inline: str = 'never') -> F:
     """Compile an inner loop: releases the interpreter, cached on disk where there is a folder that can be written."""
     if numba is None:
         return function
     compiled: F
     try:
-        compiled = numba.njit(nogil=True, cache=True)(function)
+        compiled = numba.njit(nogil=True, cache=True, inline=inline)(function)
     except RuntimeError:
         _tell_once('no folder for numba to keep compiled code in (NUMBA_CACHE_DIR, or below HOME): polymap_ros is '
                    'compiled anew in every process', NotKept)
-        compiled = numba.njit(nogil=True)(function)
+        compiled = numba.njit(nogil=True, inline=inline)(function)
     else:
         if hasattr(compiled, '_cache'):  # not with NUMBA_DISABLE_JIT
             _stamp_with_callees(compiled, function)
             _do_without(compiled._cache)
     _KERNELS.append(compiled)
     return compiled
+
+
+def within_kernels(function: F) -> F:
+    """Let kernels hold this function's code rather than call it.
+
+    A call counts every array among its arguments as one more in use, and as one less after it: where these are tuples
+    of arrays and the work is that of one path, that takes longer than the work.
+    """
+    return kernel(function, 'always')
 
 
 def _do_without(cache: Any) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.image_sources import faded, trace_images
 from polymap_ros.geometry.sides import Sides
-from polymap_ros.jit import kernel
+from polymap_ros.jit import kernel, within_kernels
 
 CAPACITY = 512
 """Paths kept per ping: an octagon of order 5 has about 110."""
@@ -115,33 +115,34 @@ def trace_paths(
     and `moves` are left out unless to `derive`; `storey` are the images of `Storey`, its first row the emitter. Returns
     the number of paths.
     """
+    rows, walls, images, slopes, moves = sides.rows, paths.walls, paths.images, paths.slopes, paths.moves
     up, count = 0.25 * ends[4] * ends[4], 0
     farthest = 2.0 * np.sqrt(max(range_max * range_max - up, 0.0))
-    if len(sides.rows) > 0:
-        count = min(trace_images(sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False,
-                                 paths.images, paths.walls), len(paths.images))
+    if len(rows) > 0:
+        count = min(trace_images(sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False, images, walls),
+                    len(images))
     chain = np.empty((order + 1, 2))
     kept = 0
     for m in range(count):
-        x, y = paths.images[m, 0] - ends[2], paths.images[m, 1] - ends[3]
+        x, y = images[m, 0] - ends[2], images[m, 1] - ends[3]
         flat = 0.5 * np.sqrt(x * x + y * y)
         d = np.sqrt(flat * flat + up)
         hits = 0
-        while hits < order and paths.walls[m, hits] >= 0:
-            paths.walls[kept, hits] = paths.walls[m, hits]
+        while hits < order and walls[m, hits] >= 0:
+            walls[kept, hits] = walls[m, hits]
             hits += 1
         for level in range(hits, order):
-            paths.walls[kept, level] = -1
-        weight = paths.images[m, 2] * _back_traced(
-            sides.rows, sides.forward, ends, hits, soft, derive, kept, chain, paths)
+            walls[kept, level] = -1
+        weight = images[m, 2] * _back_traced(
+            rows, sides.forward, ends, hits, soft, derive, walls[kept], chain, slopes[kept], moves[kept])
         if weight > 0.0:
             if derive and up > 0.0:
-                paths.slopes[kept, :hits] *= flat / d
-                paths.moves[kept] *= flat / d
+                slopes[kept, :hits] *= flat / d
+                moves[kept] *= flat / d
             paths.half[kept], paths.hits[kept], paths.weight[kept] = d, hits, weight
             paths.bounces[kept] = 0
             for level in range(0 if sides.convex else hits):
-                paths.walls[kept, level] = sides.wall[paths.walls[kept, level]]
+                walls[kept, level] = sides.wall[walls[kept, level]]
             kept += 1
     return kept if len(storey) == 1 else _with_storey(storey, ends, order, range_max, derive, kept, paths)
 
@@ -180,10 +181,11 @@ def _with_storey(
     return count
 
 
-@kernel
+@within_kernels
 def _back_traced(
     walls: NDArray[np.float64], forward: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float,
-    derive: bool, path: int, chain: NDArray[np.float64], paths: Paths,
+    derive: bool, sequence: NDArray[np.int64], chain: NDArray[np.float64], slopes: NDArray[np.float64],
+    moves: NDArray[np.float64],
 ) -> float:
     """Return a path's weight; fill, if to `derive`, the derivatives of half its length.
 
@@ -193,14 +195,14 @@ def _back_traced(
     """
     chain[0, 0], chain[0, 1] = ends[0], ends[1]
     for level in range(hits):
-        wall = paths.walls[path, level]
+        wall = sequence[level]
         c, s = walls[wall, 0], walls[wall, 1]
         step = 2.0 * (walls[wall, 2] - (chain[level, 0] * c + chain[level, 1] * s))
         chain[level + 1, 0], chain[level + 1, 1] = chain[level, 0] + step * c, chain[level, 1] + step * s
     bx, by = ends[2], ends[3]
     inside = np.inf
     for level in range(hits, 0, -1):
-        wall = paths.walls[path, level - 1]
+        wall = sequence[level - 1]
         c, s = walls[wall, 0], walls[wall, 1]
         dx, dy = chain[level, 0] - bx, chain[level, 1] - by
         towards = dx * c + dy * s
@@ -211,13 +213,12 @@ def _back_traced(
         along = by * c - bx * s
         if derive:
             cosine = towards / np.sqrt(dx * dx + dy * dy)
-            paths.slopes[path, level - 1, 0] = forward[wall] * cosine
-            paths.slopes[path, level - 1, 1] = -cosine * along
-            if level == hits:
-                paths.moves[path, 2], paths.moves[path, 3] = _half_of_unit(-dx, -dy)
-            if level == 1:
-                paths.moves[path, 0], paths.moves[path, 1] = _half_of_unit(ends[0] - bx, ends[1] - by)
+            slopes[level - 1, 0] = forward[wall] * cosine
+            slopes[level - 1, 1] = -cosine * along
         inside = min(inside, along - walls[wall, 3], walls[wall, 4] - along)
+    if derive:
+        moves[0], moves[1] = _half_of_unit(ends[0] - bx, ends[1] - by)
+        moves[2], moves[3] = _half_of_unit(ends[2] - chain[hits, 0], ends[3] - chain[hits, 1])
     return faded(inside, soft)
 
 

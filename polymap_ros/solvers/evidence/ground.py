@@ -8,7 +8,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.lines import away_from
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
@@ -163,9 +162,9 @@ class Ground:
 
     def one_of(self, line: NDArray[np.float64], known: NDArray[np.float64] | list[NDArray[np.float64]]) -> bool:
         """Return whether no ping's distance from a line is a pulse's width other than from one that is known."""
-        places = self.data.positions
-        return any(np.abs(away_from(line, places) - away_from(wall, places)).max() < self.data.pulse.width_m
-                   for wall in known)
+        r, theta = np.array([line, *known]).T
+        away = r - self.data.positions @ np.array((np.cos(theta), np.sin(theta)))
+        return bool(np.any(np.max(np.abs(away[:, 1:] - away[:, :1]), axis=0) < self.data.pulse.width_m))
 
     @property
     def uncertainty(self) -> float:

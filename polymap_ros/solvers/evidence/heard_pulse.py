@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
@@ -173,12 +174,12 @@ def _strengths(data: EchoData) -> tuple[NDArray[np.float64], NDArray[np.float64]
     """Frequencies in the pulse's band, rising [cycles per step], the echoes' power without the noise there, and the
     nominal pulse's.
     """
-    size = _PADDED_TIMES * data.signal.shape[1]
+    size = scipy.fft.next_fast_len(_PADDED_TIMES * data.signal.shape[1])
     psi, both = np.zeros(size, complex), _both_sides(data.pulse)
     psi[np.arange(len(both)) - len(both) // 2] = both
     spectrum = np.maximum(np.fft.fft(psi).real, 0.0)
     signal = data.signal[:, :int(data.range_max_m / data.pulse.step_m)]  # beyond, echoes are heard in part
-    heard = np.mean(np.abs(np.fft.fft(signal, size, axis=1)) ** 2, axis=0).astype(float)
+    heard = np.mean(np.abs(scipy.fft.fft(signal, size, axis=1)) ** 2, axis=0).astype(float)
     listened = np.count_nonzero(signal) / len(signal)
     power = np.maximum(heard - 2.0 * listened * spectrum, 0.0)
     frequency = np.asarray(np.fft.fftfreq(size), float)

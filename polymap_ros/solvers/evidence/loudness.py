@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.paths import Paths, falloff
-from polymap_ros.jit import kernel
+from polymap_ros.jit import kernel, within_kernels
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 
 
@@ -52,7 +52,7 @@ def is_directed(loudness: Loudness) -> bool:
     return bool(loudness.ahead != 0.0 or loudness.left != 0.0)
 
 
-@kernel
+@within_kernels
 def amplitude(
     paths: Paths, m: int, spreading: float, reflection: NDArray[np.float64], yaw: float, loudness: Loudness
 ) -> float:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.paths import Paths, falloff, room_for_paths, trace_paths
 from polymap_ros.geometry.sides import Sides
-from polymap_ros.jit import kernel
+from polymap_ros.jit import kernel, within_kernels
 
 Cells = TypeVar('Cells', float, NDArray[np.float64])
 """A number for one cell or for many."""
@@ -56,18 +56,23 @@ def power_likelihood(
 ) -> float:
     """F of the cells in which echoes are predicted, less what it is there without them."""
     paths = room_for_paths(order)
-    a, quiet = np.empty(len(paths.half)), 1.0 + background
+    half, a = paths.half, np.empty(len(paths.half))
+    difference, certainty = np.empty(heard.power.shape[1]), np.empty(heard.power.shape[1])
+    shape, shape_step, cell = heard.shape, heard.shape_step, heard.cell
     total = 0.0
     for i in range(len(heard.power)):
         count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, derive, storey, paths)
         _fill_amplitudes(paths, count, heard.gain[i], heard, reflected, a)
-        row = explained[i]
+        power, row = heard.power[i], explained[i]
         row[:] = 0.0
         for m in range(count):
-            _add_echo(row, paths.half[m], a[m], heard.shape, heard.shape_step, heard.cell)
-        total += _echoes_likelihood(heard.power[i], row, background, strength, heard.first)
-        for m in range(count if derive else 0):
-            _add_derivatives(paths, m, strength * a[m], heard, i, quiet, strength, row, scores[i], information[i])
+            _add_echo(row, half[m], a[m], shape, shape_step, cell)
+        total += _echoes_likelihood(power, row, background, strength, heard.first)
+        if derive:
+            for j in range(heard.first, len(row)):
+                if row[j] > 0.0:
+                    difference[j], certainty[j] = by_power(power[j], 1.0 + background[j] + strength * row[j])
+            _add_derivatives(paths, count, a, strength, heard, difference, certainty, scores[i], information[i])
     return heard.weight * total
 
 
@@ -76,15 +81,15 @@ def _fill_amplitudes(
     paths: Paths, count: int, gain: float, heard: HeardPower, reflected: NDArray[np.float64], a: NDArray[np.float64]
 ) -> None:
     """a_m^2 of each path; a path and its reverse add in phase."""
+    half, hits, bounces, near = paths.half, paths.hits, paths.bounces, 1e-7 * heard.range_max
     for m in range(count):
-        a[m] = gain * falloff(paths.half[m], heard.decay) * paths.weight[m] ** 2
-        for level in range(paths.hits[m]):
+        a[m] = gain * falloff(half[m], heard.decay) * paths.weight[m] ** 2
+        for level in range(hits[m]):
             a[m] *= reflected[paths.walls[m, level]]
     for m in range(count):
-        if paths.hits[m] > 1:
+        if hits[m] > 1:
             for q in range(m):
-                alike = paths.hits[q] == paths.hits[m] and paths.bounces[q] == paths.bounces[m]
-                if alike and abs(paths.half[q] - paths.half[m]) < 1e-7 * heard.range_max:
+                if abs(half[q] - half[m]) < near and hits[q] == hits[m] and bounces[q] == bounces[m]:
                     a[q] *= 2.0
                     a[m] *= 2.0
                     break
@@ -97,14 +102,15 @@ def cells_near(half: float, reach: float, cell: float, first: int, end: int) -> 
     return max(low, first), min(high + 1, end)
 
 
-@kernel
+@within_kernels
 def _add_echo(
     row: NDArray[np.float64], half: float, amplitude: float, shape: NDArray[np.float64], shape_step: float, cell: float
 ) -> None:
     """Power of an echo at range `half`, cell by cell."""
     low, high = cells_near(half, (len(shape) - 1) * shape_step, cell, 0, len(row))
+    start, step = half / shape_step, cell / shape_step
     for j in range(low, high):
-        x = abs(j * cell - half) / shape_step
+        x = abs(j * step - start)
         k = int(x)
         if k < len(shape) - 1:
             row[j] += amplitude * (shape[k] + (x - k) * (shape[k + 1] - shape[k]))
@@ -112,40 +118,46 @@ def _add_echo(
 
 @kernel
 def _add_derivatives(
-    paths: Paths, m: int, amplitude: float, heard: HeardPower, i: int, quiet: NDArray[np.float64], strength: float,
-    row: NDArray[np.float64], scores: NDArray[np.float64], information: NDArray[np.float64],
+    paths: Paths, count: int, a: NDArray[np.float64], strength: float, heard: HeardPower,
+    difference: NDArray[np.float64], certainty: NDArray[np.float64], scores: NDArray[np.float64],
+    information: NDArray[np.float64],
 ) -> None:
-    """A path's share of its ping's scores and of the information, by its range and by its loss."""
-    shape, half = heard.shape, paths.half[m]
-    slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
-    reach = (len(shape) - 1) * heard.shape_step
-    low, high = cells_near(half, reach, heard.cell, heard.first, len(row))
-    for j in range(low, high):
-        x = (j * heard.cell - half) / heard.shape_step
-        k = int(abs(x))
-        if k < len(shape) - 1:
-            difference, certainty = by_power(heard.power[i, j], quiet[j] + strength * row[j])
-            by_range = amplitude * (shape[k] - shape[k + 1]) / heard.shape_step
-            if x < 0.0:
-                by_range = -by_range
-            by_loss = 2.0 * amplitude * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
-            slope += heard.weight * difference * by_range
-            bend += heard.weight * certainty * by_range**2
-            rise += heard.weight * difference * by_loss
-            spread += heard.weight * certainty * by_loss**2
-    n = len(scores) // 3
-    for level in range(paths.hits[m]):
-        wall = paths.walls[m, level]
-        scores[2 * n + wall] += rise
-        for axis in range(2):
-            scores[axis * n + wall] += slope * paths.slopes[m, level, axis]
-        for other in range(paths.hits[m]):
-            beside = paths.walls[m, other]
-            information[2 * n + wall, 2 * n + beside] += spread
+    """Add what the paths bring to their ping's scores and information, by their ranges and by their losses.
+
+    `difference` and `certainty` are those of `by_power`, cell by cell.
+    """
+    half, hits, walls, slopes, shape = paths.half, paths.hits, paths.walls, paths.slopes, heard.shape
+    reach, n = (len(shape) - 1) * heard.shape_step, len(scores) // 3
+    for m in range(count):
+        amplitude = strength * a[m]
+        slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
+        low, high = cells_near(half[m], reach, heard.cell, heard.first, len(difference))
+        start, step = half[m] / heard.shape_step, heard.cell / heard.shape_step
+        for j in range(low, high):
+            x = j * step - start
+            k = int(abs(x))
+            if k < len(shape) - 1:
+                by_range = amplitude * (shape[k] - shape[k + 1]) / heard.shape_step
+                if x < 0.0:
+                    by_range = -by_range
+                by_loss = 2.0 * amplitude * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
+                slope += difference[j] * by_range
+                bend += certainty[j] * by_range**2
+                rise += difference[j] * by_loss
+                spread += certainty[j] * by_loss**2
+        slope, bend, rise, spread = slope * heard.weight, bend * heard.weight, rise * heard.weight, spread * heard.weight
+        for level in range(hits[m]):
+            wall = walls[m, level]
+            scores[2 * n + wall] += rise
             for axis in range(2):
-                by = bend * paths.slopes[m, level, axis]
-                information[axis * n + wall, beside] += by * paths.slopes[m, other, 0]
-                information[axis * n + wall, n + beside] += by * paths.slopes[m, other, 1]
+                scores[axis * n + wall] += slope * slopes[m, level, axis]
+            for other in range(hits[m]):
+                beside = walls[m, other]
+                information[2 * n + wall, 2 * n + beside] += spread
+                for axis in range(2):
+                    by = bend * slopes[m, level, axis]
+                    information[axis * n + wall, beside] += by * slopes[m, other, 0]
+                    information[axis * n + wall, n + beside] += by * slopes[m, other, 1]
 
 
 @kernel

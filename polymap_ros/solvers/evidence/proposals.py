@@ -16,7 +16,7 @@ from scipy.ndimage import maximum_filter
 from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.outline import corners_of, normals_of, part_within
 from polymap_ros.geometry.paths import first_order, first_orders
-from polymap_ros.jit import kernel
+from polymap_ros.jit import kernel, within_kernels
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.power_sums import more_power
 
@@ -172,13 +172,13 @@ def _run_scores(
                 best[j] = max(best[j], so_far[j])
 
 
-@kernel
+@within_kernels
 def edge_evidence(r: float, c: float, s: float, low: float, high: float, feet: Feet) -> float:
     """Return the evidence of the pings that a line x c + y s = r reflects between two places along it.
 
     It is -1e9 where the line is not in front of one of them.
     """
-    positions, baselines, evidence = feet.positions, feet.baselines, feet.evidence
+    positions, baselines, evidence, cell = feet
     total = 0.0
     for i in range(len(positions)):
         half, along = first_order(r, c, s, positions[i, 0], positions[i, 1], baselines[i, 0], baselines[i, 1],
@@ -186,7 +186,7 @@ def edge_evidence(r: float, c: float, s: float, low: float, high: float, feet: F
         if low <= along <= high:
             if half == 0.0:
                 return -1e9
-            x = half / feet.cell
+            x = half / cell
             k = int(x)
             if k < evidence.shape[1] - 1:
                 total += evidence[i, k] + (x - k) * (evidence[i, k + 1] - evidence[i, k])

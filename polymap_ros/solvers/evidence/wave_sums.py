@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.paths import Paths, room_for_paths, trace_paths
 from polymap_ros.geometry.sides import Sides
-from polymap_ros.jit import kernel
+from polymap_ros.jit import kernel, within_kernels
 from polymap_ros.solvers.evidence.edge_phase import COMMON
 from polymap_ros.solvers.evidence.loudness import Loudness, amplitude, is_directed
 
@@ -81,7 +81,7 @@ def _turn(angle: float) -> complex:
     return complex(np.cos(angle), np.sin(angle))
 
 
-@kernel
+@within_kernels
 def _delay(paths: Paths, m: int, table: NDArray[np.float64], own: NDArray[np.float64]) -> float:
     """What its reflections delay a path's phase by: a law over the cosine of incidence, and the walls' own."""
     total = 0.0
@@ -95,7 +95,7 @@ def _delay(paths: Paths, m: int, table: NDArray[np.float64], own: NDArray[np.flo
     return total
 
 
-@kernel
+@within_kernels
 def _fill_delays(paths: Paths, m: int, delays: NDArray[np.float64]) -> None:
     """Slopes of a path's delay: its reflections, the sums of s^2 and of s^4, and by wall its reflections there."""
     delays[m] = 0.0
@@ -152,15 +152,17 @@ def _add_ping(
 ) -> None:
     """A ping's u, v and x, and what its paths have to do with each other."""
     half, b, turn, step, carrier = paths.half, room.b, room.turn, heard.step, heard.carrier
-    reach = (len(heard.baseband) - 5) * step
+    signal, baseband = heard.signal[i], heard.baseband
+    reach = (len(baseband) - 5) * step
     nearest = np.argsort(half[:count])
     u, v = 0.0j, 0.0
     for q in range(count):
         m = nearest[q]
         if b[m] == 0.0:
             continue
-        value, rate = cubic(heard.signal[i], half[m] / step)
-        value += 1j * lean * half[m] / step * rate
+        value, rate = cubic(signal, half[m] / step)
+        if lean != 0.0:
+            value += 1j * lean * half[m] / step * rate
         u += value * turn[m]
         v += b[m] * b[m]
         if derive:
@@ -174,8 +176,9 @@ def _add_ping(
             lag = half[m] - half[other]
             if lag > reach:
                 break
-            psi, psi_rate = cubic(heard.baseband, lag / step + 2.0)
-            psi += 1j * lean * (half[m] + half[other]) / step * psi_rate
+            psi, psi_rate = cubic(baseband, lag / step + 2.0)
+            if lean != 0.0:
+                psi += 1j * lean * (half[m] + half[other]) / step * psi_rate
             wave = turn[m] * turn[other].conjugate()
             both = (psi * wave).real
             v += 2.0 * both
@@ -194,7 +197,7 @@ def _add_ping(
     sums.u[i], sums.v[i] = u, v
 
 
-@kernel
+@within_kernels
 def _add_edge(sums: Sums, i: int, room: _Room, m: int, heard: complex, steep: float) -> None:
     """A path's share of the sums by the numbers of `edge_phase`: its echo's slopes by them are -j `delays` times it."""
     n = room.slopes.shape[1] // 3
@@ -207,7 +210,7 @@ def _add_edge(sums: Sums, i: int, room: _Room, m: int, heard: complex, steep: fl
             sums.across[i, w, k] += room.slopes[m, w] * by * steep
 
 
-@kernel
+@within_kernels
 def _add_edge_pair(
     sums: Sums, i: int, room: _Room, m: int, other: int, both: float, aside: float, steep: float
 ) -> None:
@@ -237,7 +240,7 @@ def _gather_slopes(paths: Paths, count: int, n: int, slopes: NDArray[np.float64]
             slopes[m, 2 * n + wall] += 1.0
 
 
-@kernel
+@within_kernels
 def _add_heard(
     x: NDArray[np.complex128], paths: Paths, m: int, n: int, by_range: complex, by_loss: complex
 ) -> None:
@@ -249,7 +252,7 @@ def _add_heard(
         x[2 * n + wall] += by_loss
 
 
-@kernel
+@within_kernels
 def _add_pair(
     spread: NDArray[np.float64], other: NDArray[np.float64], bend: float, slope: float, both: float
 ) -> None:
@@ -266,7 +269,7 @@ def _add_pair(
         spread[n + w] += both * other[w]
 
 
-@kernel
+@within_kernels
 def _add_information(
     p: NDArray[np.float64], information: NDArray[np.float64], paths: Paths, m: int, slopes: NDArray[np.float64],
     near: NDArray[np.float64], spread: NDArray[np.float64],
@@ -315,6 +318,7 @@ def predict(
             for j in range(low, min(high, out.shape[2] - 1) + 1):
                 lag = j * cell - half[m]
                 psi, rate = cubic(heard.baseband, abs(lag) / heard.step + 2.0)
-                psi += 1j * leaning * rate
+                if leaning != 0.0:
+                    psi += 1j * leaning * rate
                 out[layer, i, j] += turned * (psi if lag >= 0.0 else psi.conjugate())
                 turned *= on
