@@ -119,8 +119,8 @@ def trace_paths(
     up, count = 0.25 * ends[4] * ends[4], 0
     farthest = 2.0 * np.sqrt(max(range_max * range_max - up, 0.0))
     if len(rows) > 0:
-        count = min(trace_images(sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False, images, walls),
-                    len(images))
+        count = min(len(images), trace_images(
+            sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False, images, walls))
     chain = np.empty((order + 1, 2))
     kept = 0
     for m in range(count):

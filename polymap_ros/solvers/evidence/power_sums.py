@@ -129,7 +129,7 @@ def _add_derivatives(
     half, hits, walls, slopes, shape = paths.half, paths.hits, paths.walls, paths.slopes, heard.shape
     reach, n = (len(shape) - 1) * heard.shape_step, len(scores) // 3
     for m in range(count):
-        amplitude = strength * a[m]
+        amplitude, weight = strength * a[m], heard.weight
         slope, bend, rise, spread = 0.0, 0.0, 0.0, 0.0
         low, high = cells_near(half[m], reach, heard.cell, heard.first, len(difference))
         start, step = half[m] / heard.shape_step, heard.cell / heard.shape_step
@@ -141,11 +141,10 @@ def _add_derivatives(
                 if x < 0.0:
                     by_range = -by_range
                 by_loss = 2.0 * amplitude * (shape[k] + (abs(x) - k) * (shape[k + 1] - shape[k]))
-                slope += difference[j] * by_range
-                bend += certainty[j] * by_range**2
-                rise += difference[j] * by_loss
-                spread += certainty[j] * by_loss**2
-        slope, bend, rise, spread = slope * heard.weight, bend * heard.weight, rise * heard.weight, spread * heard.weight
+                slope += weight * difference[j] * by_range
+                bend += weight * certainty[j] * by_range**2
+                rise += weight * difference[j] * by_loss
+                spread += weight * certainty[j] * by_loss**2
         for level in range(hits[m]):
             wall = walls[m, level]
             scores[2 * n + wall] += rise
