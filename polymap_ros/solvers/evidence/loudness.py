@@ -3,6 +3,9 @@
 What a metre of the way takes grows with frequency, mostly in proportion to it. Then the spectrum of an echo leans to
 low frequencies, which of a pulse psi(r) is, while it is little, a range with an imaginary part,
 exp(-(k - k0) b) psi(r) = psi(r + j b / 2).
+
+A wall may give back low frequencies later, or sooner, than high ones, as one with a coating or an edge that is not cut
+square does: of an echo's phase that is a constant, and a slope over frequency, which shifts its envelope.
 """
 
 from typing import NamedTuple
@@ -29,6 +32,9 @@ class Loudness(NamedTuple):
         What the way takes [Np / m], at the middle of the pulse's band.
     lean : float
         How the spectrum leans: the imaginary part of a range over the range.
+    late : float
+        Range by which each reflection from a wall delays the envelope [m]; what it delays the phase by is of
+        `edge_phase`.
     """
 
     strengths: NDArray[np.float64]
@@ -36,6 +42,7 @@ class Loudness(NamedTuple):
     left: float = 0.0
     loss: float = 0.0
     lean: float = 0.0
+    late: float = 0.0
 
     def up_to(self, order: int) -> 'Loudness':
         """Return the same for echoes of so many orders."""

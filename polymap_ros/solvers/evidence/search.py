@@ -22,6 +22,7 @@ from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
 from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
+from polymap_ros.solvers.evidence.moves.late import delay_envelopes, tune_delay
 from polymap_ros.solvers.evidence.moves.louder import hear_louder
 from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_law, turn_phase
@@ -102,9 +103,11 @@ _OF_ANY_OUTLINE: Schedule = (
     (hear_louder, np.inf),  # before strengths by order take what is lost on the way
     (turn_law, ALL_EXPLAINED),
     (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
+    (delay_envelopes, WHOLE),
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
     (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
     (drop_wall, np.inf),
+    (tune_delay, np.inf),
 )
 
 SCHEDULE: Schedule = (

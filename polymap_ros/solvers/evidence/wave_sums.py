@@ -62,13 +62,15 @@ class Echoes(NamedTuple):
 class _Room(NamedTuple):
     """Room for what a ping's paths add up to.
 
-    Of each path: its amplitude b and b exp(2 j k0 d); its slopes; the sums over the paths near it of the slope of psi
-    and of psi; and what stands beside its slopes in the information, where losses have to do with losses by psi itself,
-    in a place of their own. `delays` are the slopes of its phase by the numbers of `edge_phase`.
+    Of each path: its amplitude b and b exp(2 j k0 d); where its envelope is; its slopes; the sums over the paths near
+    it of the slope of psi and of psi; and what stands beside its slopes in the information, where losses have to do
+    with losses by psi itself, in a place of their own. `delays` are the slopes of its phase by the numbers of
+    `edge_phase`.
     """
 
     b: NDArray[np.float64]
     turn: NDArray[np.complex128]
+    place: NDArray[np.float64]
     slopes: NDArray[np.float64]
     near: NDArray[np.float64]
     spread: NDArray[np.float64]
@@ -123,13 +125,14 @@ def add_up(
     slant, columns = derive or len(table) > 0 or is_directed(loudness), sums.edge_x.shape[1]
     order = len(loudness.strengths)
     paths, n = room_for_paths(order), len(reflection)
-    size = len(paths.half)
-    room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty((size, 3 * n)), np.empty((size, 2)),
-                 np.empty((size, 4 * n)), np.empty((size, columns)))
+    size, farthest = len(paths.half), (heard.signal.shape[1] - 4) * heard.step
+    room = _Room(np.empty(size), np.empty(size, np.complex128), np.empty(size), np.empty((size, 3 * n)),
+                 np.empty((size, 2)), np.empty((size, 4 * n)), np.empty((size, columns)))
     for i in range(len(heard.ends)):
         count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
         for m in range(count):
-            far = paths.half[m] >= 2.0 * heard.step
+            room.place[m] = paths.half[m] + loudness.late * paths.hits[m]
+            far = 2.0 * heard.step <= room.place[m] <= farthest
             room.b[m] = amplitude(
                 paths, m, heard.spreading, reflection, heard.yaw[i], loudness) if far else 0.0
             room.turn[m] = room.b[m] * _turn(2.0 * heard.carrier * paths.half[m] + _delay(paths, m, table, own))
@@ -151,16 +154,16 @@ def _add_ping(
     paths: Paths, count: int, n: int, heard: Echoes, i: int, derive: bool, lean: float, room: _Room, sums: Sums
 ) -> None:
     """A ping's u, v and x, and what its paths have to do with each other."""
-    half, b, turn, step, carrier = paths.half, room.b, room.turn, heard.step, heard.carrier
+    half, place, b, turn, step, carrier = paths.half, room.place, room.b, room.turn, heard.step, heard.carrier
     signal, baseband = heard.signal[i], heard.baseband
     reach = (len(baseband) - 5) * step
-    nearest = np.argsort(half[:count])
+    nearest = np.argsort(place[:count])
     u, v = 0.0j, 0.0
     for q in range(count):
         m = nearest[q]
         if b[m] == 0.0:
             continue
-        value, rate = cubic(signal, half[m] / step)
+        value, rate = cubic(signal, place[m] / step)
         if lean != 0.0:
             value += 1j * lean * half[m] / step * rate
         u += value * turn[m]
@@ -173,7 +176,7 @@ def _add_ping(
             _add_pair(room.spread[m], room.slopes[m], -heard.curvature[2].real * b[m] * b[m], 0.0, b[m] * b[m])
         for p in range(q - 1, -1, -1):
             other = nearest[p]
-            lag = half[m] - half[other]
+            lag = place[m] - place[other]
             if lag > reach:
                 break
             psi, psi_rate = cubic(baseband, lag / step + 2.0)
@@ -311,12 +314,13 @@ def predict(
         count = trace_paths(sides, heard.ends[i], order, heard.range_max, heard.soft, slant, storey, paths)
         for m in range(count):
             b = amplitudes[i] * amplitude(paths, m, heard.spreading, reflection, heard.yaw[i], loudness)
-            low, high = max(int(np.ceil((half[m] - reach) / cell)), 0), int((half[m] + reach) / cell)
+            place = half[m] + loudness.late * paths.hits[m]
+            low, high = max(int(np.ceil((place - reach) / cell)), 0), int((place + reach) / cell)
             turned = b * _turn(2.0 * heard.carrier * (low * cell - half[m]) - _delay(paths, m, table, own))
             leaning = loudness.lean * half[m] / heard.step
             layer = min(paths.hits[m] + paths.bounces[m], len(out)) - 1
             for j in range(low, min(high, out.shape[2] - 1) + 1):
-                lag = j * cell - half[m]
+                lag = j * cell - place
                 psi, rate = cubic(heard.baseband, abs(lag) / heard.step + 2.0)
                 if leaning != 0.0:
                     psi += 1j * leaning * rate

@@ -8,6 +8,7 @@ import pytest
 from polymap_ros.acoustics.medium import group_speed, make_medium
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.propagation import Propagation
 from polymap_ros.simulation.random_scenes import random_scene
@@ -59,6 +60,29 @@ def test_what_the_way_takes_leans_the_spectrum():
     assert offset_error_m(found, scene) < 1e-4
 
 
+def test_what_reflections_delay_an_echo_by_is_told_from_where_walls_are(scene):
+    late_s = 0.25 / scene.pulse.frequency_hz
+    found, _ = found_in(dataclasses.replace(scene, edges=Edges(delay_s=late_s)))
+    speed = float(group_speed(make_medium(scene.medium), scene.pulse.frequency_hz))
+    assert found.wave.loudness.late == pytest.approx(0.5 * speed * late_s, rel=0.1)
+    assert abs(found.wave.edge.head_on) == pytest.approx(0.5 * np.pi, abs=0.3)  # but for the sign
+    assert found.explained > 0.98
+    assert offset_error_m(found, scene) < 2e-4  # heard late, all walls would be 3.7 mm off
+
+
+def test_a_late_envelope_is_predicted_where_it_is(scene):
+    found, search = found_in(scene)
+    wave, late_m = found.wave, 3.0 * search.data.cell_m
+    late = dataclasses.replace(wave, loudness=wave.loudness._replace(late=late_m))
+    strengths = np.ones(2)
+    first, second = search.wave._predicted(wave, strengths, 2)
+    first_late, second_late = search.wave._predicted(late, strengths, 2)
+    turn = np.exp(2j * search.data.pulse.carrier * late_m)
+    for reflections, (one, other) in enumerate(((first, first_late), (second, second_late)), 1):
+        moved = np.roll(one, 3 * reflections, axis=1) * turn**reflections
+        assert np.abs(other - moved)[:, 40:].max() < 1e-6 * np.abs(one).max()
+
+
 def test_of_a_plain_device_nothing_is_made_up(scene):
     found, _ = found_in(scene)
-    assert found.wave.loudness[1:] == (0.0, 0.0, 0.0, 0.0)
+    assert found.wave.loudness[1:] == (0.0, 0.0, 0.0, 0.0, 0.0)

@@ -29,13 +29,18 @@ def hear_louder(ground: Ground, standing: Standing) -> Wave | None:
     wave = standing.wave
     if standing.explained < LOUDNESS_FROM or ground.as_modelled(wave) > ALL_EXPLAINED:
         return None
+    louder = with_louder(ground, wave)
+    return louder if louder is not None and louder.value > LOUDNESS_WORTH * wave.value else None
+
+
+def with_louder(ground: Ground, wave: Wave) -> Wave | None:
+    """Return the waveform with the numbers that fit it best, and the walls after them."""
     found: Wave | None = wave
     for _ in range(_FITTED_TIMES):
         ground.checkpoint()
         fitted = found and _fitted(ground.wave, found)
         found = fitted and ground.wave.evaluate(fitted.walls, fitted, FULL_ORDER)
-    louder = found and ground.wave.refine(found, FULL_ORDER)
-    return louder if louder is not None and louder.value > LOUDNESS_WORTH * wave.value else None
+    return found and ground.wave.refine(found, FULL_ORDER)
 
 
 def _fitted(likelihood: WaveformLikelihood, wave: Wave) -> Wave:

@@ -1,0 +1,132 @@
+"""Reflections that delay the echo: its phase and, by other than a cycle's share of that, its envelope."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from polymap_ros.solvers.evidence.edge_phase import COMMON
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.louder import with_louder
+from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.tuning import (
+    ALL_EXPLAINED,
+    DIFFERENT,
+    EDGE_MISFIT,
+    EXPLAINED,
+    FULL_ORDER,
+    SEARCH_ORDER,
+)
+from polymap_ros.solvers.evidence.waveform import Wave
+
+_FARTHEST = 1.0
+"""Cycles of range by which an envelope is taken to be late, or early, at most."""
+
+_PER_CYCLE = 12
+"""Delays that are tried per cycle: half of one turns the phase by 15 degrees."""
+
+_BENT_RAD = 0.3
+"""What a law is mended by, in one of its numbers, from which it is doubted: Kirchhoff's by 0.05, a constant phase by
+0.1, and by 0.5 to 1.2 where what is missing is a delay (even seeds)."""
+
+_REFINED, _POLISHED = 4, 2
+"""Delays that are refined, the best first, and those of them that are brought to their best."""
+
+_ALIKE = 1.0 - 1e-6
+"""Share of a value from which two are one."""
+
+_STEP, _AHEAD, _TOPS = 0.03, 4.0, 6
+"""Cycles of range between the delays that a parabola is drawn through, so many of these steps at most to its top, and
+so many parabolas at most."""
+
+
+def delay_envelopes(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with envelopes that each reflection delays, where that explains all.
+
+    First echoes are heard late by one delay, so that power has put all walls too far away by it; which one it is, and
+    by which law the phase turns, is tried. It is where much is left, or where a law explains nearly all but for
+    numbers that no law has: by such a one, all walls are a third of a cycle off.
+    """
+    wave = standing.wave
+    bent = wave.edge.free and bool(np.any(np.abs(wave.edge.found) > _BENT_RAD))
+    if wave.loudness.late != 0.0 or len(wave.storey) or not (wave.walls.convex_outline and (
+            bent or standing.explained < EXPLAINED - ground.uncertainty)):
+        return None
+    trials = [each for begun in _begun(ground, standing) if (each := _in_phase(ground, begun)) is not None]
+    for trial in sorted(trials, key=lambda each: -each.value)[:_POLISHED]:
+        if trial.value > wave.value:
+            late = _at_best_delay(ground, with_louder(ground, trial) or trial)
+            if late.value > (1.0 + EDGE_MISFIT) * wave.value and ground.explained(late) > ALL_EXPLAINED:
+                return late
+    return None
+
+
+def tune_delay(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with its delay at its best beside all else, where that is worth anything."""
+    wave = standing.wave
+    if wave.loudness.late == 0.0:
+        return None
+    better = _at_best_delay(ground, wave)
+    return better if better.value > wave.value + DIFFERENT else None
+
+
+def _begun(ground: Ground, standing: Standing) -> list[Wave]:
+    """Return the best delay by each law, at walls that are nearer by as much, as they are."""
+    walls, most, trials = standing.power.walls, round(_FARTHEST * _PER_CYCLE), []
+    for law in ground.edges:
+        ground.checkpoint()
+        for late_m in ground.cycle_m / _PER_CYCLE * np.arange(-most, most + 1):
+            nearer = walls.on(walls.lines - np.array((late_m, 0.0)))
+            wave = ground.wave.begun(nearer, law.held(), standing.power.storey)
+            wave = replace(wave, loudness=wave.loudness._replace(late=float(late_m)))
+            trials += [ground.wave.evaluate(each.walls, each, SEARCH_ORDER) for each in (wave, wave.turned())]
+    found: list[Wave] = []
+    for each in sorted((each for each in trials if each is not None), key=lambda each: -each.value):
+        if all(each.value < _ALIKE * other.value for other in found):  # a law and its opposite are one but for signs
+            found.append(each)
+    return found[:_REFINED]
+
+
+def _in_phase(ground: Ground, begun: Wave) -> Wave | None:
+    """Return a waveform with its walls at their best, from the first order up, then with the phases that it turns."""
+    wave: Wave | None = begun
+    for order in (1, SEARCH_ORDER):
+        wave = wave and ground.wave.refine(wave, order)
+    return wave and ground.wave.refine(replace(wave, edge=wave.edge.freed(), slopes=None), FULL_ORDER)
+
+
+def _at_best_delay(ground: Ground, wave: Wave) -> Wave:
+    """Return the waveform with the delay that fits best, which all else follows."""
+    step_m = _STEP * ground.cycle_m
+    for _ in range(_TOPS):
+        top = _at_the_top(ground, wave, step_m)
+        gain, wave = top.value - wave.value, top
+        if gain < DIFFERENT:
+            break
+    return wave
+
+
+def _at_the_top(ground: Ground, wave: Wave, step_m: float) -> Wave:
+    """Return the waveform where a parabola over delays has its top, which all else follows."""
+    ground.checkpoint()
+    late_m, carrier = wave.loudness.late, ground.data.pulse.carrier
+    before, after = (ground.wave.refine(_delayed(wave, late, carrier), FULL_ORDER)
+                     for late in (late_m - step_m, late_m + step_m))
+    if before is None or after is None:
+        return wave
+    found = [wave, before, after]
+    bend = before.value + after.value - 2.0 * wave.value
+    if bend < 0.0:
+        ahead = float(np.clip(0.5 * (before.value - after.value) / bend, -_AHEAD, _AHEAD)) * step_m
+        top = ground.wave.refine(_delayed(wave, late_m + ahead, carrier), FULL_ORDER)
+        found += [top] if top else []
+    return max(found, key=lambda each: each.value)
+
+
+def _delayed(wave: Wave, late_m: float, carrier: float) -> Wave:
+    """Return a waveform with another delay, and walls and phases with which what is reflected head on stays; not
+    evaluated.
+    """
+    more_m = late_m - wave.loudness.late
+    found = wave.edge.found + np.array((2.0 * carrier * more_m, *np.zeros(COMMON - 1)))
+    return replace(wave, walls=wave.walls.on(wave.walls.lines - np.array((more_m, 0.0))), slopes=None,
+                   loudness=wave.loudness._replace(late=late_m), edge=replace(wave.edge, found=found))
