@@ -132,6 +132,10 @@ CAUTIONS = {
         'calibration', 'the map is made with a pulse that was fitted to the echoes, not with the one that was given',
         'from now on: polymap_replay --fit-pulse, which writes pulse.npy; then -p pulse.kind:=file -p '
         'pulse.path:=pulse.npy'),
+    'medium_uneven': Kind(
+        'calibration', 'the map is made with a medium whose waves got faster meanwhile, or are faster in one '
+        'direction, as was found from the echoes',
+        'nothing, where the plate got warmer or colder or was rolled; else check medium.* and the odometry'),
     'direct_wave': Kind(
         'calibration', 'what the wave from emitter to receiver tells of the time zero',
         'rely on what the echoes tell of echo.t0_s'),

@@ -5,7 +5,7 @@ goes over to the waveform and lets the moves of `SCHEDULE` change it, the first 
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,26 +17,18 @@ from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import EdgePhase, laws
 from polymap_ros.solvers.evidence.ground import Ground
-from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
 from polymap_ros.solvers.evidence.moves.exchange import improved
-from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
+from polymap_ros.solvers.evidence.moves.faint import look_for_faint
 from polymap_ros.solvers.evidence.moves.hole import with_hole
-from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
-from polymap_ros.solvers.evidence.moves.late import delay_envelopes, tune_delay
-from polymap_ros.solvers.evidence.moves.louder import hear_louder
-from polymap_ros.solvers.evidence.moves.orders import weigh_orders
-from polymap_ros.solvers.evidence.moves.phase import turn_law, turn_phase
-from polymap_ros.solvers.evidence.moves.residual import add_from_residual
-from polymap_ros.solvers.evidence.moves.retune import retune
+from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall
+from polymap_ros.solvers.evidence.moves.late import delay_envelopes
 from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
-from polymap_ros.solvers.evidence.moves.slip import fix_cycle_slips, slipped
-from polymap_ros.solvers.evidence.moves.square import square_up
+from polymap_ros.solvers.evidence.moves.slip import slipped
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.moves.start import Start, starts
-from polymap_ros.solvers.evidence.moves.storey import tune_storey
-from polymap_ros.solvers.evidence.moves.wall_drop import drop_wall, merge_walls
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
+from polymap_ros.solvers.evidence.schedule import INSIDE, RINGS, SCHEDULE
 from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
@@ -55,7 +47,6 @@ from polymap_ros.solvers.evidence.tuning import (
     ROUNDS,
     SEARCH_ORDER,
     STILL_LEFT,
-    WHOLE,
     WORTH_MOVING,
 )
 from polymap_ros.solvers.evidence.walls import Walls
@@ -95,48 +86,13 @@ class Found(NamedTuple):
         return self._replace(power=self.power.with_walls(self.power.walls.seen_from(frame)), wave=wave)
 
 
-Schedule: TypeAlias = tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]
-"""Moves of the waveform in the order in which they are tried, each where less than a share is explained."""
-
-_OF_ANY_OUTLINE: Schedule = (
-    (tune_storey, np.inf),
-    (hear_louder, np.inf),  # before strengths by order take what is lost on the way
-    (turn_law, ALL_EXPLAINED),
-    (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
-    (delay_envelopes, WHOLE),
-    (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
-    (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
-    (drop_wall, np.inf),
-    (tune_delay, np.inf),
-)
-
-SCHEDULE: Schedule = (
-    *_OF_ANY_OUTLINE,
-    (hear_faint, np.inf),
-    (add_from_residual, ALL_EXPLAINED),
-    (cut_corner, WHOLE),
-    (look_for_faint, ALL_EXPLAINED),  # the dearest
-)
-"""That for convex outlines."""
-
-RINGS: Schedule = (
-    *_OF_ANY_OUTLINE,
-    (square_up, np.inf),
-    (merge_walls, np.inf),
-    (retune, np.inf),
-)
-"""The same for outlines that are not convex."""
-
-INSIDE: Schedule = (
-    *_OF_ANY_OUTLINE,
-    (tune_inner_walls, ALL_EXPLAINED),
-    (add_inner_wall, ALL_EXPLAINED),
-)
-"""The same where something stands inside the outline."""
-
-
 class Search(Ground):
-    """A search: it ends with the waveform, if `coherent`, and with power alone otherwise."""
+    """A search: it ends with the waveform, if `coherent`, and with power alone otherwise.
+
+    `elsewise` is asked once, before walls are changed in vain, whether something else than these explains the echoes.
+    """
+
+    elsewise: Callable[[], bool] | None = None
 
     def over(self, data: EchoData, edges: Sequence[EdgePhase] = ()) -> 'Search':
         """Return the same search over other data, and by other laws where these are given."""
@@ -263,6 +219,11 @@ class Search(Ground):
             if wave is None or wave.value >= COHERENT * power.value:
                 break
             wave = slipped(self, wave, np.arange(len(wave.walls)))
+        if (share := 0.0 if wave is None else self.explained(wave, PHASED)) < PHASED - self.uncertainty:
+            late = wave and delay_envelopes(self, Standing(power, wave, share))
+            if late is None and self._is_elsewise():
+                return None
+            wave = late or wave
         found = None
         if wave is not None and wave.value >= COHERENT * power.value:
             found = self.changed(power, wave)
@@ -272,6 +233,10 @@ class Search(Ground):
             pool = np.empty((0, 2)) if pool is None else pool
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
         return found
+
+    def _is_elsewise(self) -> bool:
+        elsewise, self.elsewise = self.elsewise, None
+        return elsewise is not None and elsewise()
 
     def _hopeless(self, power: Power) -> bool:
         """Whether walls that are not a convex outline explain too little, by power, to be worth more work."""
@@ -285,7 +250,8 @@ class Search(Ground):
             standing = Standing(power, wave, self.explained(wave))
             if standing.explained < WORTH_MOVING and not wave.walls.convex_outline:
                 break
-            schedule = _schedule_of(wave.walls)
+            convex = SCHEDULE if wave.walls.convex_outline else RINGS
+            schedule = INSIDE if len(wave.walls) > wave.walls.ring else convex
             changed = (move(self, standing) for move, below in schedule if standing.explained < below)
             better = next((each for each in changed if each is not None), None)
             if better is None:
@@ -332,10 +298,6 @@ class Search(Ground):
         explained = float(np.sum(predicted * excess)) / max(float(np.sum(predicted**2)), 1e-300)
         explained *= float(np.sum(predicted)) / max(float(excess.sum()), 1e-300)
         return Found(fitted, None, min(explained, 1.0), fitted.value - PRICE * len(fitted.walls))
-
-
-def _schedule_of(walls: Walls) -> Schedule:
-    return INSIDE if len(walls) > walls.ring else SCHEDULE if walls.convex_outline else RINGS
 
 
 def search_of(

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from polymap_ros.solvers.evidence.drift import Follower, begun
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, is_of_another_pulse
 from polymap_ros.solvers.evidence.horizon import up_to_sides
 from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
+from polymap_ros.solvers.evidence.medium_search import FoundMedium, uneven_medium
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
@@ -30,6 +32,7 @@ from polymap_ros.solvers.evidence.standing_inside import as_round_as_before, exp
 from polymap_ros.solvers.evidence.storey_heard import storey_heard
 from polymap_ros.solvers.evidence.tracking import Chain, Track, with_inner_walls
 from polymap_ros.solvers.evidence.tuning import ANOTHER_POLYGON, EXPLAINED
+from polymap_ros.solvers.evidence.uneven_medium import UnevenMedium
 from polymap_ros.solvers.map_verdict import MIN_PINGS, straight_path, too_few_pings
 from polymap_ros.solvers.snapshot import Snapshot
 from polymap_ros.solvers.solver import Evidence
@@ -88,6 +91,8 @@ class EvidenceSolver:
         self._unheard: dict[int, float] = {}  # corners that no echo has been near, and how much may be missing [m]
         self._drift = Follower()
         self._pulse: HeardPulse | None = None  # the one that the echoes have, where that is not the one that was given
+        self._medium: UnevenMedium | None = None  # the one that waves have, where that is not the one that was given
+        self._waves: FoundMedium | None = None  # what the last search has found so
         self._untracked = False  # poses were tried, and none found
         self._unsure_ring: Found | None = None  # the best outline that is not convex, where it leaves much unexplained
         self._other: Found | None = None
@@ -95,12 +100,14 @@ class EvidenceSolver:
 
     def state(self) -> dict[str, NDArray[np.generic]]:
         """Return what cannot be found again from the evidence, the poses and the pulse, as arrays."""
-        return self._drift.state() | (self._pulse.state() if self._pulse else {})
+        return self._drift.state() | (self._pulse.state() if self._pulse else {}) | (
+            self._medium.state() if self._medium else {})
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
         """Take over what `state` gave."""
         self._drift = Follower.restored(state)
         self._pulse = HeardPulse.restored(state) if self._may_adapt else None
+        self._medium = UnevenMedium.restored(state)
 
     def solve(self, evidence: Evidence, checkpoint: Checkpoint = unwatched) -> Estimate:
         """Return the polygon that explains the echoes that are kept, or what is certain where none does."""
@@ -109,7 +116,8 @@ class EvidenceSolver:
         if kept < MIN_PINGS:
             return Estimate('open', 'evidence', snapshot.stamp_ns, cautions=(too_few_pings(kept),))
         nominal = search_of(evidence, self._parameters, checkpoint)
-        reported = self._pulse.over(nominal) if self._pulse else nominal
+        even = self._pulse.over(nominal) if self._pulse else nominal
+        reported = self._medium.over(even, _stamps_ns(evidence)) if self._medium else even
         chain = Chain.of(evidence.heard, reported.data, OdometryNoise.assumed(self._parameters.slam))
         straight = _straight(snapshot)
         checkpoint()
@@ -127,6 +135,8 @@ class EvidenceSolver:
         answer = findings.concluded(found, other, joint.walls if joint else None)
         if self._pulse is not None:
             answer = dataclasses.replace(answer, cautions=(*answer.cautions, wording.pulse_adapted(found.explained)))
+        if self._medium is not None:
+            answer = self._medium.seen(answer, snapshot)
         if track is None or joint is None or (straight and answer.status == 'open'):
             return answer
         path = trajectory_of(track, chain, joint)
@@ -160,10 +170,14 @@ class EvidenceSolver:
         self._searched = heard
         if (own := None if in_vain or self._drift.on else self._adapted(nominal)) is not None:
             return own.search, own.found, None
+        self._waves = None
+        reported.elsewise = None if in_vain or self._drift.on else partial(self._is_uneven, nominal, evidence)
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
         tried = -np.inf  # what the outline was worth in which inner walls were looked for
         for number, found in enumerate(founds, 1):
+            if self._waves is not None:
+                return self._waves.search, self._waves.found, None
             better = found is not None and (plain is None or found.value > plain.value)
             if found is not None and better:
                 plain = found
@@ -173,6 +187,8 @@ class EvidenceSolver:
                     if self._beyond_convex(reported):
                         search, best = with_inside(reported, found, search, best, enough)
             if number == _TRACKED_AFTER and not in_vain and not explains(reported, best, enough):
+                if reported.elsewise is not None and reported.elsewise() and self._waves:
+                    return self._waves.search, self._waves.found, None
                 ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
                 if explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return ringed, ring, None
@@ -220,6 +236,13 @@ class EvidenceSolver:
         own = adapted(nominal)
         self._pulse = own.pulse if own else self._pulse
         return own
+
+    def _is_uneven(self, nominal: Search, evidence: Evidence) -> bool:
+        """Whether walls in a medium that is not even explain the echoes."""
+        even = self._pulse.over(nominal) if self._pulse else nominal
+        self._waves = uneven_medium(even, _stamps_ns(evidence))
+        self._medium = self._waves.medium if self._waves else self._medium
+        return self._waves is not None
 
     @property
     def _may_adapt(self) -> bool:
@@ -298,6 +321,10 @@ class EvidenceSolver:
 def _tells_more(ring: Found | None, convex: Found | None) -> bool:
     """Whether an outline that is not convex explains so much more than a convex one that this is not to be mended."""
     return ring is not None and ring.explained > (0.0 if convex is None else convex.explained) + _BETTER
+
+
+def _stamps_ns(evidence: Evidence) -> NDArray[np.int64]:
+    return np.array([sounding.stamp_ns for sounding in evidence.heard])
 
 
 def _straight(snapshot: Snapshot) -> tuple[Caution, ...]:

@@ -26,6 +26,9 @@ _TOLD_SLIPS = 3
 _MUCH_BLANKED = 0.25
 """Share of the range that is listened to from which a blanking takes away walls, not only the ringing."""
 
+_TOLD = 3.0
+"""Deviations from which a number of the medium is told."""
+
 
 def nothing_closes(
     walls: int, enclosing: bool, most: int, heard: Sequence[Sounding], pulse: PulseShape, straight: bool = False,
@@ -222,6 +225,20 @@ def dispersion() -> Caution:
 def as_likely_mirrored() -> Caution:
     """Say that the mirror image explains the echoes, too."""
     return Caution('mirror_image', 'two polygons, mirror images about the path, explain the echoes equally well')
+
+def medium_uneven(faster: tuple[float, float], by_direction: tuple[float, float], from_edge_deg: float) -> Caution:
+    """Return what to know of a map in a medium that is not even: two shares with their deviations, and where the second
+    is greatest, from edge 0 on [deg].
+    """
+    told = []
+    if abs(faster[0]) > _TOLD * faster[1]:
+        told.append(f'from the first ping to the last waves got {"faster" if faster[0] > 0.0 else "slower"} by '
+                    f'{abs(faster[0]):.2%} (+-{faster[1]:.2%})')
+    if by_direction[0] > _TOLD * by_direction[1]:
+        told.append(f'waves are faster by {by_direction[0]:.2%} (+-{by_direction[1]:.2%}) at {from_edge_deg:.0f} deg '
+                    'from edge 0, counter-clockwise, and as much slower across')
+    return Caution('medium_uneven', '; '.join(told) or 'the medium is all but even')
+
 
 def pulse_adapted(explained: float) -> Caution:
     """Return what to know of a map by a pulse that was found with it."""

@@ -18,10 +18,10 @@ from polymap_ros.solvers.evidence.tuning import (
 )
 from polymap_ros.solvers.evidence.waveform import Wave
 
-_FARTHEST = 1.0
+_LATEST = 1.0
 """Cycles of range by which an envelope is taken to be late, or early, at most."""
 
-_PER_CYCLE = 12
+_DELAYS_PER_CYCLE = 12
 """Delays that are tried per cycle: half of one turns the phase by 15 degrees."""
 
 _BENT_RAD = 0.3
@@ -31,10 +31,10 @@ _BENT_RAD = 0.3
 _REFINED, _POLISHED = 4, 2
 """Delays that are refined, the best first, and those of them that are brought to their best."""
 
-_ALIKE = 1.0 - 1e-6
+_AS_MUCH = 1.0 - 1e-6
 """Share of a value from which two are one."""
 
-_STEP, _AHEAD, _TOPS = 0.03, 4.0, 6
+_DELAY_STEP, _AHEAD, _TOPS = 0.03, 4.0, 6
 """Cycles of range between the delays that a parabola is drawn through, so many of these steps at most to its top, and
 so many parabolas at most."""
 
@@ -71,17 +71,17 @@ def tune_delay(ground: Ground, standing: Standing) -> Wave | None:
 
 def _begun(ground: Ground, standing: Standing) -> list[Wave]:
     """Return the best delay by each law, at walls that are nearer by as much, as they are."""
-    walls, most, trials = standing.power.walls, round(_FARTHEST * _PER_CYCLE), []
+    walls, most, trials = standing.power.walls, round(_LATEST * _DELAYS_PER_CYCLE), []
     for law in ground.edges:
         ground.checkpoint()
-        for late_m in ground.cycle_m / _PER_CYCLE * np.arange(-most, most + 1):
+        for late_m in ground.cycle_m / _DELAYS_PER_CYCLE * np.arange(-most, most + 1):
             nearer = walls.on(walls.lines - np.array((late_m, 0.0)))
             wave = ground.wave.begun(nearer, law.held(), standing.power.storey)
             wave = replace(wave, loudness=wave.loudness._replace(late=float(late_m)))
             trials += [ground.wave.evaluate(each.walls, each, SEARCH_ORDER) for each in (wave, wave.turned())]
     found: list[Wave] = []
     for each in sorted((each for each in trials if each is not None), key=lambda each: -each.value):
-        if all(each.value < _ALIKE * other.value for other in found):  # a law and its opposite are one but for signs
+        if all(each.value < _AS_MUCH * other.value for other in found):  # a law and its opposite are one but for signs
             found.append(each)
     return found[:_REFINED]
 
@@ -96,7 +96,7 @@ def _in_phase(ground: Ground, begun: Wave) -> Wave | None:
 
 def _at_best_delay(ground: Ground, wave: Wave) -> Wave:
     """Return the waveform with the delay that fits best, which all else follows."""
-    step_m = _STEP * ground.cycle_m
+    step_m = _DELAY_STEP * ground.cycle_m
     for _ in range(_TOPS):
         top = _at_the_top(ground, wave, step_m)
         gain, wave = top.value - wave.value, top
