@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER, PHASED, SEARCH_ORDER, WHOLE, WORTH_MOVING
@@ -31,7 +30,7 @@ _FASTER = np.arange(-0.015, 0.0151, 0.0025)
 """Shares that are tried of getting faster."""
 
 _BY_POWER, _BY_PHASE = 60, 4
-"""Media that are tried in phase by a part of the pings, and by all of them."""
+"""Media of several directions that are tried in phase by a part of the pings, and media that are by all of them."""
 
 _IN_TURN = 3
 """Times that medium and walls are found in turn: a wall may be half a cycle off."""
@@ -90,15 +89,15 @@ class _Trial(NamedTuple):
     value: float
 
 
-def uneven_medium(search: Search, stamps_ns: NDArray[np.int64]) -> FoundMedium | None:
-    """Return the medium in which walls, begun by power, explain all of the echoes; None where there is none."""
-    first = next(starts(search)) if len(stamps_ns) >= _TOLD_BY and search.coherent else None
-    if first is None:
+def uneven_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> FoundMedium | None:
+    """Return the medium in which walls that were begun by power explain all of the echoes; None where there is none."""
+    if len(stamps_ns) < _TOLD_BY or not (search.coherent and begun.walls.convex_outline):
         return None
-    drive, begun = _Drive(search, stamps_ns), search.by_power(first)
-    tried = (_by_power(drive, numbers, begun) for numbers in _grid())
-    best = sorted((each for each in tried if each is not None), key=lambda each: -each.value)[:_BY_POWER]
-    aligned = (_in_phase(each) for each in best)
+    drive = _Drive(search, stamps_ns)
+    tried = [each for numbers in _grid() if (each := _by_power(drive, numbers, begun)) is not None]
+    tried.sort(key=lambda each: -each.value)
+    directions, faster = ([each for each in tried if bool(each.numbers[0]) == drifting] for drifting in (False, True))
+    aligned = (_in_phase(each) for each in (*directions[:_BY_POWER], *faster))
     best = sorted((each for each in aligned if each is not None), key=lambda each: -each.value)[:_BY_PHASE]
     found: FoundMedium | None = None
     for trial in best:

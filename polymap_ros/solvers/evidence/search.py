@@ -89,10 +89,11 @@ class Found(NamedTuple):
 class Search(Ground):
     """A search: it ends with the waveform, if `coherent`, and with power alone otherwise.
 
-    `elsewise` is asked once, before walls are changed in vain, whether something else than these explains the echoes.
+    `elsewise` is asked once, with walls by power, before they are changed in vain, whether something else explains the
+    echoes.
     """
 
-    elsewise: Callable[[], bool] | None = None
+    elsewise: Callable[[Power], bool] | None = None
 
     def over(self, data: EchoData, edges: Sequence[EdgePhase] = ()) -> 'Search':
         """Return the same search over other data, and by other laws where these are given."""
@@ -221,7 +222,7 @@ class Search(Ground):
             wave = slipped(self, wave, np.arange(len(wave.walls)))
         if (share := 0.0 if wave is None else self.explained(wave, PHASED)) < PHASED - self.uncertainty:
             late = wave and delay_envelopes(self, Standing(power, wave, share))
-            if late is None and self._is_elsewise():
+            if late is None and self.is_elsewise(power):
                 return None
             wave = late or wave
         found = None
@@ -234,9 +235,10 @@ class Search(Ground):
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
         return found
 
-    def _is_elsewise(self) -> bool:
+    def is_elsewise(self, power: Power) -> bool:
+        """Ask it, if it has not been asked."""
         elsewise, self.elsewise = self.elsewise, None
-        return elsewise is not None and elsewise()
+        return elsewise is not None and elsewise(power)
 
     def _hopeless(self, power: Power) -> bool:
         """Whether walls that are not a convex outline explain too little, by power, to be worth more work."""

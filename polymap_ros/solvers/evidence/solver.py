@@ -24,6 +24,7 @@ from polymap_ros.solvers.evidence.medium_search import FoundMedium, uneven_mediu
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
+from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
@@ -187,7 +188,7 @@ class EvidenceSolver:
                     if self._beyond_convex(reported):
                         search, best = with_inside(reported, found, search, best, enough)
             if number == _TRACKED_AFTER and not in_vain and not explains(reported, best, enough):
-                if reported.elsewise is not None and reported.elsewise() and self._waves:
+                if best is not None and reported.is_elsewise(best.power) and self._waves:
                     return self._waves.search, self._waves.found, None
                 ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
                 if explains(reported, ring, EXPLAINED - reported.uncertainty):
@@ -237,10 +238,10 @@ class EvidenceSolver:
         self._pulse = own.pulse if own else self._pulse
         return own
 
-    def _is_uneven(self, nominal: Search, evidence: Evidence) -> bool:
+    def _is_uneven(self, nominal: Search, evidence: Evidence, begun: Power) -> bool:
         """Whether walls in a medium that is not even explain the echoes."""
         even = self._pulse.over(nominal) if self._pulse else nominal
-        self._waves = uneven_medium(even, _stamps_ns(evidence))
+        self._waves = uneven_medium(even, begun, _stamps_ns(evidence))
         self._medium = self._waves.medium if self._waves else self._medium
         return self._waves is not None
 
