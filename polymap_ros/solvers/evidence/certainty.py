@@ -8,6 +8,7 @@ from scipy.special import expit
 
 from polymap_ros.solvers.evidence.corner_slopes import corner_slopes
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
+from polymap_ros.solvers.evidence.moves.late import delay_covariance
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER, OBVIOUS, PRICE, SILENT
@@ -75,7 +76,8 @@ def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] |
     pulse, offsets = search.data.pulse, np.arange(0, len(covariance), 2)
     cycle_m = np.pi / pulse.carrier if found.wave is not None else pulse.width_m
     covariance[offsets, offsets] += (_CYCLE_ERROR * cycle_m) ** 2
-    if found.wave is not None:  # all walls alike
+    if found.wave is not None and found.wave.loudness.late != 0.0:
+        covariance += delay_covariance(search, found.wave)
         covariance[np.ix_(offsets, offsets)] += (_DELAY_ERROR * found.wave.loudness.late) ** 2
     vague = np.sqrt(np.diag(covariance)[::2]) > 0.5 * search.data.pulse.width_m
     unsupported = int(np.sum(((bounding & (losses < PRICE)) | silent)[:found.walls.ring]))

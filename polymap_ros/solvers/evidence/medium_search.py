@@ -19,32 +19,32 @@ from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER, PHASE
 from polymap_ros.solvers.evidence.uneven_medium import UnevenMedium
 from polymap_ros.solvers.evidence.waveform import Wave
 
-_TOLD_BY = 20
+_MEDIUM_FROM = 20
 """Pings from which a medium is told from a place."""
 
-_APART, _FARTHEST = 0.0035, 0.0246
+_DIRECTIONS_APART, _MOST_UNEVEN = 0.0035, 0.0246
 """Shares between the directions' numbers that are tried, and the most of them: 2 m of way are 7 mm longer by the first,
 for which walls make good but for a little."""
 
-_FASTER = np.arange(-0.015, 0.0151, 0.0025)
+_MEDIA_FASTER = np.arange(-0.015, 0.0151, 0.0025)
 """Shares that are tried of getting faster."""
 
-_BY_POWER, _BY_PHASE = 60, 4
+_MEDIA_BY_POWER, _MEDIA_BY_PHASE = 60, 4
 """Media of several directions that are tried in phase by a part of the pings, and media that are by all of them."""
 
-_IN_TURN = 3
+_MEDIA_IN_TURN = 3
 """Times that medium and walls are found in turn: a wall may be half a cycle off."""
 
-_IN_PHASE = 8e-4, 2e-4
+_MEDIA_STEPS = 8e-4, 2e-4
 """Differences of the numbers between which a parabola is drawn: 2 m of way change by a fifth of a cycle and less."""
 
-_CLIMBED = 8
+_MEDIA_CLIMBED = 8
 """Steps at most: to the top of a parabola or, where there is none, to the best of the numbers that it was drawn by."""
 
-_AHEAD = 4.0
+_MEDIA_AHEAD = 4.0
 """Of these differences, how far a step goes at most."""
 
-_NO_MORE = 1.0
+_MEDIA_GAIN = 1.0
 """Nats that are not worth another one."""
 
 class FoundMedium(NamedTuple):
@@ -91,14 +91,14 @@ class _Trial(NamedTuple):
 
 def uneven_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> FoundMedium | None:
     """Return the medium in which walls that were begun by power explain all of the echoes; None where there is none."""
-    if len(stamps_ns) < _TOLD_BY or not (search.coherent and begun.walls.convex_outline):
+    if len(stamps_ns) < _MEDIUM_FROM or not (search.coherent and begun.walls.convex_outline):
         return None
     drive = _Drive(search, stamps_ns)
     tried = [each for numbers in _grid() if (each := _by_power(drive, numbers, begun)) is not None]
     tried.sort(key=lambda each: -each.value)
     directions, faster = ([each for each in tried if bool(each.numbers[0]) == drifting] for drifting in (False, True))
-    aligned = (_in_phase(each) for each in (*directions[:_BY_POWER], *faster))
-    best = sorted((each for each in aligned if each is not None), key=lambda each: -each.value)[:_BY_PHASE]
+    aligned = (_in_phase(each) for each in (*directions[:_MEDIA_BY_POWER], *faster))
+    best = sorted((each for each in aligned if each is not None), key=lambda each: -each.value)[:_MEDIA_BY_PHASE]
     found: FoundMedium | None = None
     for trial in best:
         other = _found(drive, trial)
@@ -112,10 +112,11 @@ def uneven_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) ->
 
 def _grid() -> list[NDArray[np.float64]]:
     """Numbers (3,) that are tried: of directions, and of getting faster."""
-    axis = _APART * np.arange(-round(_FARTHEST / _APART), round(_FARTHEST / _APART) + 1)
+    most = round(_MOST_UNEVEN / _DIRECTIONS_APART)
+    axis = _DIRECTIONS_APART * np.arange(-most, most + 1)
     directions = [np.array((0.0, along, across)) for along in axis for across in axis
-                  if 0.0 < np.hypot(along, across) <= _FARTHEST]
-    return directions + [np.array((faster, 0.0, 0.0)) for faster in _FASTER if faster != 0.0]
+                  if 0.0 < np.hypot(along, across) <= _MOST_UNEVEN]
+    return directions + [np.array((faster, 0.0, 0.0)) for faster in _MEDIA_FASTER if faster != 0.0]
 
 
 def _by_power(drive: _Drive, numbers: NDArray[np.float64], begun: Power) -> _Trial | None:
@@ -146,7 +147,7 @@ def _found(drive: _Drive, trial: _Trial) -> FoundMedium | None:
     def at(numbers: NDArray[np.float64], near: Wave) -> Wave | None:
         return drive.over(numbers).wave.refine(near, FULL_ORDER)
 
-    for _ in range(_IN_TURN):
+    for _ in range(_MEDIA_IN_TURN):
         if wave is None or ground.as_modelled(wave) < WORTH_MOVING:
             break
         numbers, wave, deviations = _climbed(at, numbers, wave)
@@ -154,7 +155,7 @@ def _found(drive: _Drive, trial: _Trial) -> FoundMedium | None:
         if ground.explained(wave, PHASED) < PHASED:
             break
         settled = ground.changed(ground.power.initial(trial.power.strength).with_walls(wave.walls), wave)
-        if settled is None or (found is not None and settled.value < found.found.value + _NO_MORE):
+        if settled is None or (found is not None and settled.value < found.found.value + _MEDIA_GAIN):
             break
         medium = drive.medium(numbers, deviations)
         found, wave = FoundMedium(medium, ground, settled), settled.wave
@@ -165,18 +166,18 @@ def _climbed(
     at: Callable[[NDArray[np.float64], Wave], Wave | None], numbers: NDArray[np.float64], start: Wave
 ) -> tuple[NDArray[np.float64], Wave, NDArray[np.float64]]:
     """Return the numbers at the top of parabolas over all of them, the waveform there, and their deviations (3,)."""
-    best, deviations = start, np.full(3, _FARTHEST)
-    steps = list(_IN_PHASE)
-    for _ in range(_CLIMBED):
+    best, deviations = start, np.full(3, _MOST_UNEVEN)
+    steps = list(_MEDIA_STEPS)
+    for _ in range(_MEDIA_CLIMBED):
         tried = {move: (numbers + step, at(numbers + step, best)) for move, step in _moves(steps[0] * np.eye(3))}
         slope, bend = _parabola({move: _value(wave) for move, (_, wave) in tried.items()}, best.value)
         around = list(tried.values())
         if np.all(np.isfinite(bend)) and np.all(np.linalg.eigvalsh(bend) < 0.0):
             deviations = steps[0] * np.sqrt(np.diag(np.linalg.inv(-bend)))
-            onward = numbers + steps[0] * np.clip(np.linalg.solve(-bend, slope), -_AHEAD, _AHEAD)
+            onward = numbers + steps[0] * np.clip(np.linalg.solve(-bend, slope), -_MEDIA_AHEAD, _MEDIA_AHEAD)
             around.append((onward, at(onward, best)))
         onward, top = max(around, key=lambda entry: _value(entry[1]))
-        if top is not None and top.value > best.value + _NO_MORE:
+        if top is not None and top.value > best.value + _MEDIA_GAIN:
             numbers, best = onward, top
         elif len(steps) > 1:
             steps.pop(0)

@@ -21,7 +21,7 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.snapshot import Snapshot
 
-_MOST = 0.1
+_MOST_ANISOTROPIC = 0.1
 """Share by which a saved state may say that waves differ in speed."""
 
 _SECOND_NS = 1e9
@@ -110,7 +110,7 @@ class UnevenMedium:
         if 'medium_uneven' not in state:
             return None
         numbers = np.asarray(state['medium_uneven'], float)
-        if numbers.shape != (5,) or not np.all(np.isfinite(numbers)) or np.hypot(*numbers[1:3]) > _MOST:
+        if numbers.shape != (5,) or not np.all(np.isfinite(numbers)) or np.hypot(*numbers[1:3]) > _MOST_ANISOTROPIC:
             raise StateError('the medium that was found is none')
         return cls(int(state['medium_since']), *numbers.tolist())
 

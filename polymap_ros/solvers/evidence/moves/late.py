@@ -3,11 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.edge_phase import COMMON
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.louder import with_louder
 from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     DIFFERENT,
@@ -51,7 +53,12 @@ def delay_envelopes(ground: Ground, standing: Standing) -> Wave | None:
     if wave.loudness.late != 0.0 or len(wave.storey) or not (wave.walls.convex_outline and (
             bent or standing.explained < EXPLAINED - ground.uncertainty)):
         return None
-    trials = [each for begun in _begun(ground, standing) if (each := _in_phase(ground, begun)) is not None]
+    power: Power | None = standing.power
+    if len(standing.power.walls) != len(wave.walls):  # of which some have been dropped since
+        power = ground.power.refine(wave.walls, standing.power, FULL_ORDER)
+    if power is None:
+        return None
+    trials = [each for begun in _begun(ground, power) if (each := _in_phase(ground, begun)) is not None]
     for trial in sorted(trials, key=lambda each: -each.value)[:_POLISHED]:
         if trial.value > wave.value:
             late = _at_best_delay(ground, with_louder(ground, trial) or trial)
@@ -69,14 +76,14 @@ def tune_delay(ground: Ground, standing: Standing) -> Wave | None:
     return better if better.value > wave.value + DIFFERENT else None
 
 
-def _begun(ground: Ground, standing: Standing) -> list[Wave]:
+def _begun(ground: Ground, power: Power) -> list[Wave]:
     """Return the best delay by each law, at walls that are nearer by as much, as they are."""
-    walls, most, trials = standing.power.walls, round(_LATEST * _DELAYS_PER_CYCLE), []
+    walls, most, trials = power.walls, round(_LATEST * _DELAYS_PER_CYCLE), []
     for law in ground.edges:
         ground.checkpoint()
         for late_m in ground.cycle_m / _DELAYS_PER_CYCLE * np.arange(-most, most + 1):
             nearer = walls.on(walls.lines - np.array((late_m, 0.0)))
-            wave = ground.wave.begun(nearer, law.held(), standing.power.storey)
+            wave = ground.wave.begun(nearer, law.held(), power.storey)
             wave = replace(wave, loudness=wave.loudness._replace(late=float(late_m)))
             trials += [ground.wave.evaluate(each.walls, each, SEARCH_ORDER) for each in (wave, wave.turned())]
     found: list[Wave] = []
@@ -120,6 +127,18 @@ def _at_the_top(ground: Ground, wave: Wave, step_m: float) -> Wave:
         top = ground.wave.refine(_delayed(wave, late_m + ahead, carrier), FULL_ORDER)
         found += [top] if top else []
     return max(found, key=lambda each: each.value)
+
+
+def delay_covariance(ground: Ground, wave: Wave) -> NDArray[np.float64]:
+    """Return what the delay, known as well as the echoes tell it, adds to the covariance (2 n, 2 n) of the lines."""
+    step_m, size, late_m = _DELAY_STEP * ground.cycle_m, 2 * len(wave.walls), wave.loudness.late
+    before, after = (ground.wave.refine(_delayed(wave, late, ground.data.pulse.carrier), FULL_ORDER)
+                     for late in (late_m - step_m, late_m + step_m))
+    if before is None or after is None:
+        return np.zeros((size, size))
+    bend = max(2.0 * wave.value - before.value - after.value, DIFFERENT)
+    follow = ((after.walls.lines - before.walls.lines) / (2.0 * step_m)).ravel()
+    return np.asarray(step_m**2 / bend * np.outer(follow, follow))
 
 
 def _delayed(wave: Wave, late_m: float, carrier: float) -> Wave:
