@@ -29,7 +29,7 @@ for which walls make good but for a little."""
 _MEDIA_FASTER = np.arange(-0.015, 0.0151, 0.0025)
 """Shares that are tried of getting faster."""
 
-_MEDIA_BY_POWER, _MEDIA_BY_PHASE = 60, 4
+_MEDIA_BY_POWER, _MEDIA_BY_PHASE = 90, 4
 """Media of several directions that are tried in phase by a part of the pings, and media that are by all of them."""
 
 _MEDIA_IN_TURN = 3
@@ -68,7 +68,7 @@ class _Drive:
     ) -> UnevenMedium:
         """Return the medium of numbers (3,), the first of them over the whole drive, with deviations (3,)."""
         (drift, along, across), (drift_std, *others) = numbers.tolist(), deviations
-        return UnevenMedium(self._first_ns, drift / self._seconds, along, across, drift_std / self._seconds,
+        return UnevenMedium(self._first_ns, drift / self._seconds, along, across, float(drift_std) / self._seconds,
                             float(np.hypot(*others)))
 
     def over(self, numbers: NDArray[np.float64], few: bool = False) -> Search:
