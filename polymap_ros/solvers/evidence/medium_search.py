@@ -26,6 +26,10 @@ _DIRECTIONS_APART, _MOST_UNEVEN = 0.0035, 0.0246
 """Shares between the directions' numbers that are tried, and the most of them: 2 m of way are 7 mm longer by the first,
 for which walls make good but for a little."""
 
+_LEAST_UNEVEN = 1e-3
+"""Share below which walls that are found so are those of an even medium, which other moves find: 2 m of way are 2 mm
+longer by it, and it is a fifth of the least that has been simulated."""
+
 _MEDIA_FASTER = np.arange(-0.015, 0.0151, 0.0025)
 """Shares that are tried of getting faster."""
 
@@ -107,7 +111,9 @@ def uneven_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) ->
         if found is not None and found.found.explained > WHOLE - search.uncertainty / 3.0:
             break
     enough = ALL_EXPLAINED - search.uncertainty / 3.0
-    return found if found is not None and found.found.explained > enough else None
+    if found is None or found.found.explained < enough or found.medium.unevenness(stamps_ns) < _LEAST_UNEVEN:
+        return None
+    return found
 
 
 def _grid() -> list[NDArray[np.float64]]:

@@ -59,6 +59,10 @@ class UnevenMedium:
         """Return the speed (N,) at pings over that of the medium that was given."""
         return np.asarray(1.0 + self.per_s * (stamps_ns - self.since_ns) / _SECOND_NS)
 
+    def unevenness(self, stamps_ns: NDArray[np.int64]) -> float:
+        """Return the greatest share by which waves are faster or slower than in an even medium."""
+        return max(float(np.abs(self.faster(stamps_ns) - 1.0).max()), float(np.hypot(self.along, self.across)))
+
     def over(self, search: Search, stamps_ns: NDArray[np.int64]) -> Search:
         """Return the search over what is heard in this medium by pings at these times (N,) [ns]."""
         return search.over(self.heard(search.data, stamps_ns))
