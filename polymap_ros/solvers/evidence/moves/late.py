@@ -14,6 +14,7 @@ from polymap_ros.solvers.evidence.tuning import (
     ALL_EXPLAINED,
     DIFFERENT,
     EDGE_MISFIT,
+    EDGE_PRICE,
     EXPLAINED,
     FULL_ORDER,
     SEARCH_ORDER,
@@ -63,8 +64,21 @@ def delay_envelopes(ground: Ground, standing: Standing) -> Wave | None:
         if trial.value > wave.value:
             late = _at_best_delay(ground, with_louder(ground, trial) or trial)
             if late.value > (1.0 + EDGE_MISFIT) * wave.value and ground.explained(late) > ALL_EXPLAINED:
-                return late
+                return _simplest(ground, late, wave)
     return None
+
+
+def _simplest(ground: Ground, late: Wave, before: Wave) -> Wave:
+    """Return the waveform without a delay, and what was freed beside it, where that is worth about as much: then walls
+    have only been led to where they are.
+    """
+    least = max(EDGE_PRICE, EDGE_MISFIT * late.value)
+    even = _delayed(late, 0.0, ground.data.pulse.carrier)
+    for simpler in (replace(even, edge=before.edge, loudness=before.loudness), even):
+        refined = ground.wave.refine(simpler, FULL_ORDER)
+        if refined is not None and refined.value > late.value - least:
+            return refined
+    return late
 
 
 def tune_delay(ground: Ground, standing: Standing) -> Wave | None:
