@@ -136,7 +136,8 @@ class EvidenceSolver:
         answer = findings.concluded(found, other, joint.walls if joint else None)
         if self._pulse is not None:
             answer = dataclasses.replace(answer, cautions=(*answer.cautions, wording.pulse_adapted(found.explained)))
-        if self._medium is not None:
+        by_first_echoes = leaves_much(search, found) or bool(straight and answer.status == 'open')
+        if self._medium is not None and not by_first_echoes:
             answer = self._medium.seen(answer, snapshot)
         if track is None or joint is None or (straight and answer.status == 'open'):
             return answer
