@@ -32,6 +32,12 @@ def moved_lines(lines: NDArray[np.float64], frame: Pose) -> NDArray[np.float64]:
     return np.column_stack((lines[:, 0] + frame.x * np.cos(theta) + frame.y * np.sin(theta), theta))
 
 
+def stretched_lines(lines: NDArray[np.float64], stretch: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return r [m] and theta [rad] of lines (n, 2) whose places a matrix (2, 2) moves: normals by its inverse."""
+    normals = np.column_stack((np.cos(lines[:, 1]), np.sin(lines[:, 1]))) @ np.linalg.inv(stretch)
+    return np.column_stack((lines[:, 0] / np.hypot(*normals.T), np.arctan2(normals[:, 1], normals[:, 0])))
+
+
 def mirrored_lines(lines: ArrayLike, middle: ArrayLike, along: ArrayLike) -> NDArray[np.float64]:
     """r [m] and theta [rad] of lines (n, 2) mirrored in the line through `middle` along a unit vector, shape (n, 2)."""
     r, theta = np.asarray(lines, dtype=float).reshape(-1, 2).T

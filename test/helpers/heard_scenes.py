@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from polymap_ros.acoustics.ping import Ping
+from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.hearing.listening import Listener
@@ -15,6 +16,7 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.waveforms import noise_free, simulate
 from polymap_ros.solvers.evidence.data import EchoData
+from polymap_ros.solvers.evidence.solver import EvidenceSolver
 
 TRIANGLE = np.array([(0.0, 0.0), (1.2, 0.0), (0.4, 0.9)])
 PENTAGON = np.array([(0.0, 0.0), (1.0, 0.0), (1.3, 0.7), (0.6, 1.2), (-0.2, 0.6)])
@@ -76,3 +78,10 @@ def listen(scene, samples=None, count=None, changes=None):
     samples = simulate(scene).astype(np.float32) if samples is None else samples
     feed(mapper, dataclasses.replace(scene, poses=scene.poses[:count]), samples[:count])
     return mapper
+
+
+def solved(scene, **changes):
+    """The evidence solver, with changed parameters, of a mapper that has heard a scene; the mapper; and the answer."""
+    mapper = filled_mapper(scene, Parameters())
+    solver = EvidenceSolver(mapper.parameters.replaced(changes))
+    return solver, mapper, solver.solve(mapper.evidence)

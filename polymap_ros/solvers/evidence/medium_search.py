@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.lines import stretched_lines
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER, PHASED, SEARCH_ORDER, WHOLE, WORTH_MOVING
@@ -50,6 +51,7 @@ _MEDIA_AHEAD = 4.0
 
 _MEDIA_GAIN = 1.0
 """Nats that are not worth another one."""
+
 
 class FoundMedium(NamedTuple):
     """A medium, the search over what is heard in it, and the polygon there."""
@@ -93,7 +95,7 @@ class _Trial(NamedTuple):
     value: float
 
 
-def uneven_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> FoundMedium | None:
+def found_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> FoundMedium | None:
     """Return the medium in which walls that were begun by power explain all of the echoes; None where there is none."""
     if len(stamps_ns) < _MEDIUM_FROM or not (search.coherent and begun.walls.convex_outline):
         return None
@@ -127,12 +129,8 @@ def _grid() -> list[NDArray[np.float64]]:
 
 def _by_power(drive: _Drive, numbers: NDArray[np.float64], begun: Power) -> _Trial | None:
     """Return walls by power in a medium, begun from others where that takes them."""
-    few = drive.over(numbers, few=True)
-    back, faster = np.linalg.inv(drive.medium(numbers).stretch), 1.0 + 0.5 * float(numbers[0])
-    theta = begun.walls.lines[:, 1]
-    normals = np.column_stack((np.cos(theta), np.sin(theta))) @ back
-    length = np.hypot(*normals.T)
-    lines = np.column_stack((faster * begun.walls.lines[:, 0] / length, np.arctan2(normals[:, 1], normals[:, 0])))
+    few, faster = drive.over(numbers, few=True), 1.0 + 0.5 * float(numbers[0])
+    lines = stretched_lines(begun.walls.lines, drive.medium(numbers).stretch * faster)
     nothing = few.power.initial(begun.strength)
     power = few.power.refine(begun.walls.on(lines), nothing, SEARCH_ORDER, 3)
     # By cells that are as many as were heard: an axis that is drawn out has more.

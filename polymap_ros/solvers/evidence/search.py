@@ -89,11 +89,11 @@ class Found(NamedTuple):
 class Search(Ground):
     """A search: it ends with the waveform, if `coherent`, and with power alone otherwise.
 
-    `elsewise` is asked once, with walls by power, before they are changed in vain, whether something else explains the
-    echoes.
+    `other_cause` is asked once, with walls by power, before they are changed in vain, whether something else than
+    walls explains the echoes.
     """
 
-    elsewise: Callable[[Power], bool] | None = None
+    other_cause: Callable[[Power], bool] | None = None
 
     def over(self, data: EchoData, edges: Sequence[EdgePhase] = ()) -> 'Search':
         """Return the same search over other data, and by other laws where these are given."""
@@ -222,7 +222,7 @@ class Search(Ground):
             wave = slipped(self, wave, np.arange(len(wave.walls)))
         if (share := 0.0 if wave is None else self.explained(wave, PHASED)) < PHASED - self.uncertainty:
             late = wave and delay_envelopes(self, Standing(power, wave, share))
-            if late is None and self.is_elsewise(power):
+            if late is None and self.has_other_cause(power):
                 return None
             wave = late or wave
         found = None
@@ -235,10 +235,10 @@ class Search(Ground):
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
         return found
 
-    def is_elsewise(self, power: Power) -> bool:
-        """Ask it, if it has not been asked."""
-        elsewise, self.elsewise = self.elsewise, None
-        return elsewise is not None and elsewise(power)
+    def has_other_cause(self, power: Power) -> bool:
+        """Ask for another cause, if that has not been asked for."""
+        asked, self.other_cause = self.other_cause, None
+        return asked is not None and asked(power)
 
     def _hopeless(self, power: Power) -> bool:
         """Whether walls that are not a convex outline explain too little, by power, to be worth more work."""

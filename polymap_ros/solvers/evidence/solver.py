@@ -20,7 +20,7 @@ from polymap_ros.solvers.evidence.drift import Follower, begun
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, is_of_another_pulse
 from polymap_ros.solvers.evidence.horizon import up_to_sides
 from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
-from polymap_ros.solvers.evidence.medium_search import FoundMedium, uneven_medium
+from polymap_ros.solvers.evidence.medium_search import FoundMedium, found_medium
 from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
@@ -156,24 +156,15 @@ class EvidenceSolver:
         heard, apart = evidence.all_places.count, too_far_apart(evidence)
         in_vain = apart or misheard(evidence)
         enough = EXPLAINED + _CLEARLY - reported.uncertainty / 3.0
-        track, plain = None, None  # the best outline by all that was heard
-        if self._drift.on:
-            self._last = self._last or self._drift.found(reported, chain)
-            track = self._drift.again(reported, chain, self._last)
-        search, best = reported, None
-        if track is not None:
-            track = imaged_track(reported, chain, track, enough)
-            search, best = track.search, track.found
-        elif self._last is not None and (plain := reported.again(self._last)) is not None:
-            search, best = as_round_as_before(
-                reported, plain, *imaged(reported, plain, enough), self._round_holes, enough)
+        search, best, track, plain = self._again(reported, chain, enough)
         if heard < _SEARCH_AGAIN * self._searched or explains(reported, best, enough):
             return search, best, track
         self._searched = heard
         if (own := None if in_vain or self._drift.on else self._adapted(nominal)) is not None:
+            self._medium = None  # another cause has been found
             return own.search, own.found, None
         self._waves = None
-        reported.elsewise = None if in_vain or self._drift.on else partial(self._is_uneven, nominal, evidence)
+        reported.other_cause = None if in_vain or self._drift.on else partial(self._is_uneven, nominal, evidence)
         # Where poses are estimated, nothing is looked for from the reported ones.
         founds = iter((None,)) if self._drift.on else reported.polygons(*self._storey(reported))
         tried = -np.inf  # what the outline was worth in which inner walls were looked for
@@ -189,7 +180,7 @@ class EvidenceSolver:
                     if self._beyond_convex(reported):
                         search, best = with_inside(reported, found, search, best, enough)
             if number == _TRACKED_AFTER and not in_vain and not explains(reported, best, enough):
-                if best is not None and reported.is_elsewise(best.power) and self._waves:
+                if best is not None and reported.has_other_cause(best.power) and self._waves:
                     return self._waves.search, self._waves.found, None
                 ringed, ring = self._ring(reported, plain, enough, evidence.free_area.area)
                 if explains(reported, ring, EXPLAINED - reported.uncertainty):
@@ -207,6 +198,22 @@ class EvidenceSolver:
                 return search, best, track
         best = best and self._mended(search, best, heard)
         return search, best, track and best and track.with_found(best)
+
+    def _again(
+        self, reported: Search, chain: Chain, enough: float
+    ) -> tuple[Search, Found | None, Track | None, Found | None]:
+        """The last answer refined, with its search and track as in `_found`, and its outline by all that was heard."""
+        if self._drift.on:
+            self._last = self._last or self._drift.found(reported, chain)
+            if (track := self._drift.again(reported, chain, self._last)) is not None:
+                track = imaged_track(reported, chain, track, enough)
+                return track.search, track.found, track, None
+        plain = self._last and reported.again(self._last)
+        if plain is None:
+            return reported, None, None, None
+        search, best = as_round_as_before(
+            reported, plain, *imaged(reported, plain, enough), self._round_holes, enough)
+        return search, best, None, plain
 
     def _mended(self, search: Search, found: Found, heard: int) -> Found:
         """The answer with edges exchanged or added by trying all lines, where there is more to go by than last time."""
@@ -242,7 +249,7 @@ class EvidenceSolver:
     def _is_uneven(self, nominal: Search, evidence: Evidence, begun: Power) -> bool:
         """Whether walls in a medium that is not even explain the echoes."""
         even = self._pulse.over(nominal) if self._pulse else nominal
-        self._waves = uneven_medium(even, begun, _stamps_ns(evidence))
+        self._waves = found_medium(even, begun, _stamps_ns(evidence))
         self._medium = self._waves.medium if self._waves else self._medium
         return self._waves is not None
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.cautions import Caution
 from polymap_ros.errors import StateError
+from polymap_ros.geometry.lines import stretched_lines
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 from polymap_ros.solvers.evidence import wording
 from polymap_ros.solvers.evidence.data import EchoData
@@ -131,8 +132,7 @@ def _moved(polygon: Candidate, back: NDArray[np.float64], by_scale: float) -> Ca
 
 
 def _wall(edge: Edge, back: NDArray[np.float64], by_scale: float) -> Edge:
-    """Return a wall whose places are moved so: its normal by the inverse."""
-    x, y = np.linalg.solve(back.T, np.array((np.cos(edge.theta), np.sin(edge.theta))))
-    length = float(np.hypot(x, y))
+    """Return a wall whose places are moved so."""
+    (r, theta), = stretched_lines(np.array([(edge.r, edge.theta)]), back).tolist()
     r_std = None if edge.r_std is None else float(np.hypot(edge.r_std, by_scale * edge.r))
-    return dataclasses.replace(edge, r=edge.r / length, theta=float(np.arctan2(y, x)), r_std=r_std)
+    return dataclasses.replace(edge, r=r, theta=theta, r_std=r_std)

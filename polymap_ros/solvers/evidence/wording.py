@@ -233,9 +233,9 @@ def medium_uneven(faster: tuple[float, float], by_direction: tuple[float, float]
     told = []
     if abs(faster[0]) > _TOLD * faster[1]:
         told.append(f'from the first ping to the last waves got {"faster" if faster[0] > 0.0 else "slower"} by '
-                    f'{abs(faster[0]):.2%} (+-{faster[1]:.2%})')
+                    f'{abs(faster[0]):.3%} (+-{faster[1]:.3%})')
     if by_direction[0] > _TOLD * by_direction[1]:
-        told.append(f'waves are faster by {by_direction[0]:.2%} (+-{by_direction[1]:.2%}) at {from_edge_deg:.0f} deg '
+        told.append(f'waves are faster by {by_direction[0]:.3%} (+-{by_direction[1]:.3%}) at {from_edge_deg:.0f} deg '
                     'from edge 0, counter-clockwise, and as much slower across')
     return Caution('medium_uneven', '; '.join(told) or 'the medium is all but even')
 

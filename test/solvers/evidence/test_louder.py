@@ -72,15 +72,15 @@ def test_what_reflections_delay_an_echo_by_is_told_from_where_walls_are(scene):
 
 def test_a_late_envelope_is_predicted_where_it_is(scene):
     found, search = found_in(scene)
-    wave, late_m = found.wave, 3.0 * search.data.cell_m
-    late = dataclasses.replace(wave, loudness=wave.loudness._replace(late=late_m))
-    strengths = np.ones(2)
-    first, second = search.wave._predicted(wave, strengths, 2)
-    first_late, second_late = search.wave._predicted(late, strengths, 2)
-    turn = np.exp(2j * search.data.pulse.carrier * late_m)
-    for reflections, (one, other) in enumerate(((first, first_late), (second, second_late)), 1):
-        moved = np.roll(one, 3 * reflections, axis=1) * turn**reflections
-        assert np.abs(other - moved)[:, 40:].max() < 1e-6 * np.abs(one).max()
+
+    def predicted(strengths, late_m):
+        loudness = found.wave.loudness._replace(strengths=np.array(strengths), late=late_m)
+        return search.wave.without_carrier(dataclasses.replace(found.wave, loudness=loudness))
+
+    for reflections, strengths in enumerate(((1.0, 0.0), (0.0, 1.0)), 1):
+        moved = np.roll(predicted(strengths, 0.0), 3 * reflections, axis=1)
+        late = predicted(strengths, 3.0 * search.data.cell_m)
+        assert np.abs(late - moved)[:, 40:].max() < 1e-6 * np.abs(moved).max()
 
 
 def test_of_a_plain_device_nothing_is_made_up(scene):

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from heard_scenes import solved
 
 from polymap_ros.errors import StateError
 from polymap_ros.evaluation.trials import filled_mapper
@@ -62,12 +63,6 @@ def test_the_noise_stays_noise_of_the_same_power(ringing_data):
     heard = minimum_phase_pulse(ringing_data).heard(data)
     middle = heard.power[:, 100:500] - heard.filling[:, None]
     assert np.mean(middle) == pytest.approx(1.0, abs=0.1)
-
-
-def solved(scene, **changes):
-    mapper = filled_mapper(scene, Parameters())
-    solver = EvidenceSolver(mapper.parameters.replaced(changes))
-    return solver, mapper, solver.solve(mapper.evidence)
 
 
 def test_the_solver_maps_by_the_pulse_that_it_finds_and_goes_on_with_it(ringing):

@@ -73,7 +73,7 @@ def _simplest(ground: Ground, late: Wave, before: Wave) -> Wave:
     have only been led to where they are.
     """
     least = max(EDGE_PRICE, EDGE_MISFIT * late.value)
-    even = _delayed(late, 0.0, ground.data.pulse.carrier)
+    even = _delayed(late, -late.loudness.late, ground.data.pulse.carrier)
     for simpler in (replace(even, edge=before.edge, loudness=before.loudness), even):
         refined = ground.wave.refine(simpler, FULL_ORDER)
         if refined is not None and refined.value > late.value - least:
@@ -129,25 +129,22 @@ def _at_best_delay(ground: Ground, wave: Wave) -> Wave:
 def _at_the_top(ground: Ground, wave: Wave, step_m: float) -> Wave:
     """Return the waveform where a parabola over delays has its top, which all else follows."""
     ground.checkpoint()
-    late_m, carrier = wave.loudness.late, ground.data.pulse.carrier
-    before, after = (ground.wave.refine(_delayed(wave, late, carrier), FULL_ORDER)
-                     for late in (late_m - step_m, late_m + step_m))
+    before, after = (_refined_at(ground, wave, more_m) for more_m in (-step_m, step_m))
     if before is None or after is None:
         return wave
     found = [wave, before, after]
     bend = before.value + after.value - 2.0 * wave.value
     if bend < 0.0:
         ahead = float(np.clip(0.5 * (before.value - after.value) / bend, -_AHEAD, _AHEAD)) * step_m
-        top = ground.wave.refine(_delayed(wave, late_m + ahead, carrier), FULL_ORDER)
+        top = _refined_at(ground, wave, ahead)
         found += [top] if top else []
     return max(found, key=lambda each: each.value)
 
 
 def delay_covariance(ground: Ground, wave: Wave) -> NDArray[np.float64]:
     """Return what the delay, known as well as the echoes tell it, adds to the covariance (2 n, 2 n) of the lines."""
-    step_m, size, late_m = _DELAY_STEP * ground.cycle_m, 2 * len(wave.walls), wave.loudness.late
-    before, after = (ground.wave.refine(_delayed(wave, late, ground.data.pulse.carrier), FULL_ORDER)
-                     for late in (late_m - step_m, late_m + step_m))
+    step_m, size = _DELAY_STEP * ground.cycle_m, 2 * len(wave.walls)
+    before, after = (_refined_at(ground, wave, more_m) for more_m in (-step_m, step_m))
     if before is None or after is None:
         return np.zeros((size, size))
     bend = max(2.0 * wave.value - before.value - after.value, DIFFERENT)
@@ -155,11 +152,16 @@ def delay_covariance(ground: Ground, wave: Wave) -> NDArray[np.float64]:
     return np.asarray(step_m**2 / bend * np.outer(follow, follow))
 
 
-def _delayed(wave: Wave, late_m: float, carrier: float) -> Wave:
-    """Return a waveform with another delay, and walls and phases with which what is reflected head on stays; not
+def _refined_at(ground: Ground, wave: Wave, more_m: float) -> Wave | None:
+    """Return a waveform with so much more delay, all else at its best."""
+    return ground.wave.refine(_delayed(wave, more_m, ground.data.pulse.carrier), FULL_ORDER)
+
+
+def _delayed(wave: Wave, more_m: float, carrier: float) -> Wave:
+    """Return a waveform with so much more delay, and walls and phases with which what is reflected head on stays; not
     evaluated.
     """
-    more_m = late_m - wave.loudness.late
     found = wave.edge.found + np.array((2.0 * carrier * more_m, *np.zeros(COMMON - 1)))
-    return replace(wave, walls=wave.walls.on(wave.walls.lines - np.array((more_m, 0.0))), slopes=None,
-                   loudness=wave.loudness._replace(late=late_m), edge=replace(wave.edge, found=found))
+    walls = wave.walls.on(wave.walls.lines - np.array((more_m, 0.0)))
+    loudness = wave.loudness._replace(late=wave.loudness.late + more_m)
+    return replace(wave, walls=walls, loudness=loudness, edge=replace(wave.edge, found=found), slopes=None)
