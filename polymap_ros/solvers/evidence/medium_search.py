@@ -103,8 +103,10 @@ def found_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> 
     tried = [each for numbers in _grid() if (each := _by_power(drive, numbers, begun)) is not None]
     tried.sort(key=lambda each: -each.value)
     directions, faster = ([each for each in tried if bool(each.numbers[0]) == drifting] for drifting in (False, True))
+    even = _in_phase(still) if (still := _by_power(drive, np.zeros(3), begun)) else None
     aligned = (_in_phase(each) for each in (*directions[:_MEDIA_BY_POWER], *faster))
-    best = sorted((each for each in aligned if each is not None), key=lambda each: -each.value)[:_MEDIA_BY_PHASE]
+    better = (each for each in aligned if each is not None and (even is None or each.value > even.value))
+    best = sorted(better, key=lambda each: -each.value)[:_MEDIA_BY_PHASE]
     found: FoundMedium | None = None
     for trial in best:
         other = _found(drive, trial)
