@@ -21,12 +21,18 @@ _TAPS = 8
 _PADDING = 1.5
 """Length of the zero-padded ping in pings; with that width the error is 1e-6."""
 
+_LATE = 0.1
+"""Share of an echo's energy, the slowest, that may arrive after the ping is over."""
+
 
 class EchoFilter(Protocol):
     """From the samples of a ping to an analytic signal over the range axis."""
 
     autocorrelation: NDArray[np.complex128]
     """What a wall's echo looks like over the differences of the range axis, 1 in the middle."""
+
+    heard_m: float
+    """Range up to which echoes are over before the ping is [m]."""
 
     def __call__(self, samples: NDArray[np.floating], finely: bool = True) -> NDArray[np.complex64]:
         """Filter one ping; its magnitude is the envelope e(r). Not finely: at every `fold`-th range only."""
@@ -69,6 +75,9 @@ class MatchedFilter:
     ----------
     autocorrelation : ndarray, shape (2 * n_ranges - 1,), complex128
         psi(r' - r) = c(r') of a noise-free wall at r, over the differences of the range axis, 1 in the middle.
+    heard_m : float
+        Range up to which echoes are over before the ping is, but for what is slowest of them, a hundredth of their
+        energy [m]. An echo from farther away looks like another pulse.
     """
 
     def __init__(
@@ -105,6 +114,12 @@ class MatchedFilter:
 
         power = np.abs(echo) ** 2 * speed * dk / np.pi / energy
         weight = np.conj(echo) * speed * np.exp(-1j * omega * t0_s) * dk / np.pi * np.sqrt(period_s / energy)
+        slowest = np.argsort(speed)
+        share_over = np.cumsum(power[slowest])
+        slow = float(speed[slowest[np.searchsorted(share_over, _LATE)]])
+        end_s = t0_s + n_samples * period_s
+        # A ping hardly longer than its pulse hears in part at any range.
+        self.heard_m = 0.5 * slow * max(end_s - pulse.duration_s, 0.5 * end_s)
         if wiener_noise is not None:
             share = np.abs(echo) ** 2 / np.max(np.abs(echo) ** 2)
             inverse = 1.0 / (share + wiener_noise)
@@ -142,6 +157,11 @@ class EnvelopeFilter:
         Centre of the pulse's envelope [s].
     ranges_m, n_samples, period_s, t0_s
         As in `MatchedFilter`.
+
+    Attributes
+    ----------
+    heard_m : float
+        As of `MatchedFilter`.
     """
 
     def __init__(
@@ -155,6 +175,7 @@ class EnvelopeFilter:
     ) -> None:
         self._sample_ranges = (t0_s + np.arange(n_samples) * period_s - centre_s) * speed_m_s / 2.0
         self._ranges = ranges_m
+        self.heard_m = float(self._sample_ranges[-1]) - 0.5 * centre_s * speed_m_s
         # Magnitudes have no finer shape than a Gaussian as long as the pulse: its ends are three deviations away.
         lags = ranges_m[1] * np.arange(1 - len(ranges_m), len(ranges_m))
         deviation = max(speed_m_s * centre_s / 6.0, ranges_m[1])

@@ -47,6 +47,7 @@ class Heard(NamedTuple):
     rho: float
     noise: float
     confidence: float
+    heard_m: float
 
 
 class Listener:
@@ -159,7 +160,7 @@ class Listener:
         envelope[:np.searchsorted(self._ranges_m, blanking_m * (1.0 - 1e-9))] = 0.0
         if self._parameters.front_end.flat_spreading:
             envelope *= ((self._ranges_m / self._ranges_m[-1]) ** self._medium.spreading).astype(np.float32)
-        return Heard(echo if finely else _NO_ECHO, envelope, rho, noise, sure)
+        return Heard(echo if finely else _NO_ECHO, envelope, rho, noise, sure, correlate.heard_m)
 
     def freed(self, ping: Ping, known_hz: Sequence[float] = ()) -> tuple[Ping, Freed]:
         """Return a ping that `admission` let pass without impulses and lines, and what these were.

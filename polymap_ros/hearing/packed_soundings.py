@@ -21,6 +21,7 @@ def packed_soundings(soundings: Sequence[Sounding]) -> dict[str, NDArray[np.gene
         'places': np.array([(each.x, each.y, each.rho, each.noise, each.confidence, each.yaw, each.mount.x,
                              each.mount.y, each.mount.yaw, *each.way) for each in soundings],
                            dtype=float).reshape(-1, _COLUMNS),
+        'heard_m': np.array([each.heard_m for each in soundings], float),
         'echoes': np.array([each.echo for each in soundings] or np.empty((0, 0)), np.complex64),
     }
 
@@ -30,15 +31,19 @@ def unpacked_soundings(state: dict[str, NDArray[np.generic]], n_fine: int, fold:
     stamps, places = np.asarray(state['stamps_ns'], np.int64), np.asarray(state['places'], float)
     echoes = np.asarray(state['echoes'], np.complex64)
     n = len(stamps)
+    heard_m = np.asarray(state.get('heard_m', np.full(n, np.inf)), float)  # version 3 does not tell
     if places.ndim == 2 and places.shape[1] == _COLUMNS_OF_3:
         places = np.hstack((places, np.zeros((n, _COLUMNS - _COLUMNS_OF_3))))
         places[:, -SUMS:] = odometer_sums(places[:, [0, 1, 5]])  # as far as the pings tell that were kept
-    if stamps.shape != (n,) or places.shape != (n, _COLUMNS) or echoes.shape != (n, n_fine if n else 0):
+    shapes = stamps.shape, heard_m.shape, places.shape, echoes.shape
+    if shapes != ((n,), (n,), (n, _COLUMNS), (n, n_fine if n else 0)):
         raise StateError(f'{n} soundings do not match {places.shape} places and {echoes.shape} echoes')
     near = np.all(np.abs(places[:, :2]) <= FARTHEST_M)
     loud = np.all((places[:, 3] > 0.0) & np.isfinite(places[:, 3]))
-    if not (near and loud and np.all(np.isfinite(places[:, 4:])) and np.all(np.isfinite(echoes))):
+    finite = all(np.all(np.isfinite(each)) for each in (places[:, 4:], echoes))
+    if not (near and loud and finite and np.all(heard_m > 0.0)):
         raise StateError('the soundings are not finite')
-    return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise, confidence, yaw, Pose(*mount), way)
-            for stamp_ns, (x, y, rho, noise, confidence, yaw, *mount), way, echo
-            in zip(stamps.tolist(), places[:, :-SUMS].tolist(), places[:, -SUMS:], echoes, strict=True)]
+    return [Sounding(stamp_ns, x, y, echo, np.abs(echo[::fold]), rho, noise, confidence, end_m, yaw, Pose(*mount), way)
+            for stamp_ns, (x, y, rho, noise, confidence, yaw, *mount), way, echo, end_m
+            in zip(stamps.tolist(), places[:, :-SUMS].tolist(), places[:, -SUMS:], echoes, heard_m.tolist(),
+                   strict=True)]

@@ -31,6 +31,8 @@ class Sounding:
         Standard deviation of the noise in the real part of `echo`.
     confidence : float
         How sure it is that an echo, not noise, is at `rho`; see `ranging.confidence`.
+    heard_m : float
+        Range up to which echoes are over before the ping is; see `MatchedFilter` [m].
     yaw : float
         Heading of the sensor in the start frame [rad].
     mount : Pose
@@ -47,6 +49,7 @@ class Sounding:
     rho: float
     noise: float = 1.0
     confidence: float = 1.0
+    heard_m: float = np.inf
     yaw: float = 0.0
     mount: Pose = _ON_THE_AXIS
     way: NDArray[np.float64] = field(default_factory=lambda: np.zeros(SUMS))

@@ -188,13 +188,13 @@ class Reception:
             self._odometer = self._odometer.to(base)
             self.path_log.add(ping.emission_ns, base)
             kept = self._kept.wants(place)
-            echo, envelope, rho, noise, confidence = self._listener.hear(ping, finely=kept)  # eq. (3)
+            heard = self._listener.hear(ping, finely=kept)  # eq. (3)
             if kept:
                 self._kept.take(Sounding(
-                    ping.stamp_ns, place.x, place.y, echo, envelope, rho, noise, confidence, place.yaw, self._mount,
-                    self._odometer.sums))
+                    ping.stamp_ns, place.x, place.y, *heard, place.yaw, self._mount, self._odometer.sums))
             self.places.add(ping.stamp_ns, place.x, place.y)
-            self._as_reported.hear(place, envelope, rho, confidence, self.parameters.sensor.baseline_m)
+            baseline_m = self.parameters.sensor.baseline_m
+            self._as_reported.hear(place, heard.envelope, heard.rho, heard.confidence, baseline_m)
             self.placed(ping.stamp_ns)
 
     def _listen(self, listener: Listener) -> None:

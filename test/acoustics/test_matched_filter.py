@@ -156,6 +156,28 @@ def test_envelope_is_zero_where_no_sample_is():
     assert np.abs(result[inside]) == pytest.approx(1001**-0.5)
 
 
+@pytest.mark.parametrize(('name', 'least', 'most'), [
+    ('plate, the paper', 0.9, 0.92), ('plate, late start', 0.9, 0.92), ('plate, a small one', 0.9, 0.95),
+    ('thick plate, 30 kHz', 0.9, 0.92), ('water, copper plate', 0.999, 1.0), ('air', 0.999, 1.0)])
+def test_up_to_a_range_nine_tenths_of_an_echo_s_energy_are_heard(name, least, most, burst, receive):
+    """Of echoes from there and from a twentieth beyond, the energy in the ping's samples over that of all of it."""
+    medium, frequency, _, end, step, n, period, t0 = BURSTS[name]
+    matched = MatchedFilter(medium, ToneBurst(frequency, 2.0), step * np.arange(round(end / step) + 1), n, period, t0)
+
+    def heard(wall):
+        echo, whole = (np.sum(np.abs(receive(medium, lambda t: burst(t, frequency), 2 * wall, size, period, t0)) ** 2)
+                       for size in (n, 2 * n))
+        return echo / whole
+
+    assert least <= heard(matched.heard_m) <= most
+    assert heard(1.05 * matched.heard_m) < 0.9
+
+
+def test_magnitudes_are_heard_up_to_a_whole_pulse_before_the_ping_is_over():
+    matched = EnvelopeFilter(1000.0, 1e-4, 1e-2 * np.arange(501), 1001, 1e-6, t0_s=1e-3)
+    assert matched.heard_m == pytest.approx(0.5 * 1000.0 * (1e-3 + 1e-3 - 2e-4))
+
+
 def test_every_sixth_range_alone_is_every_sixth_of_all(plate):
     ranges = np.arange(1801) * 1e-3
     matched = MatchedFilter(plate, ToneBurst(1e5, 2.0), ranges, 2048, 1e-6, fold=6)

@@ -56,7 +56,7 @@ def hear(vertices, positions, snr_db=0.0, clean=False, **rest):
     for (x, y), ping in zip(positions, samples, strict=True):
         heard = listener.hear(Ping(0, ping, scene.period_s, scene.t0_s))
         noise = sigma / np.linalg.norm(ping)
-        soundings.append(Sounding(0, x, y, heard.echo, heard.envelope, heard.rho, noise))
+        soundings.append(Sounding(0, x, y, heard.echo, heard.envelope, heard.rho, noise, heard_m=heard.heard_m))
     sensor = scene.sensor
     data = EchoData.of(soundings, listener.shape, 0.5, parameters.echo.blanking_m,
                        (sensor.baseline_x_m, sensor.baseline_y_m, sensor.baseline_z_m))

@@ -24,9 +24,6 @@ that far below 1 in one or two pings of a hundred (measured), which does them no
 _UNHEARD = 1e-4
 """Share of what is heard that is left away with the end of the range axis: pings may be over before it."""
 
-_CUT = 4
-"""Compressed pulses before a ping's end within which echoes are heard in part: so far dispersion draws them out."""
-
 
 _SOFT = 0.1
 """Share of a cycle of range over which a wall's end is soft: what the ends of walls move by while they are found."""
@@ -196,9 +193,10 @@ class EchoData:
         bases = [sounding.base for sounding in soundings]
         poses = np.array([(base.x, base.y, base.yaw) for base in bases])
         signal = np.array([sounding.echo for sounding in soundings])
+        ranges = pulse.step_m * np.arange(signal.shape[1])
+        signal[ranges > np.array([sounding.heard_m for sounding in soundings])[:, None]] = 0.0
         parts = signal.view(np.float32)  # real and imaginary ones in turn
         parts /= np.array([sounding.noise for sounding in soundings], np.float32)[:, None]
-        ranges = pulse.step_m * np.arange(signal.shape[1])
         signal *= np.exp(-2j * pulse.carrier * ranges).astype(np.complex64)
         stride = max(1, round(pulse.width_m / CELLS_PER_WIDTH / pulse.step_m))
         power = 0.5 * np.abs(signal[:, ::stride]).astype(float) ** 2
@@ -206,7 +204,7 @@ class EchoData:
         width = len(pulse.power)
         end, last = int(np.searchsorted(heard, (1.0 - _UNHEARD) * heard[-1])) * stride, len(ranges) - width - 4
         if end < last:  # pings are over before the axis is
-            last = max(end - _CUT * width, 0)
+            last = max(end - width, 0)
         power = power[:, :last // stride + 1]
         first = min(int(np.ceil(max(blanking_m, pulse.width_m) / (stride * pulse.step_m))), power.shape[1] - 1)
         first_m = np.array([sounding.rho for sounding in soundings])

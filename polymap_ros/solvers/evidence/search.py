@@ -40,6 +40,7 @@ from polymap_ros.solvers.evidence.tuning import (
     HOLE_WORTH,
     HOLES,
     IN_PHASE,
+    IN_VAIN,
     PHASED,
     PRICE,
     RING_EXPLAINED,
@@ -220,7 +221,7 @@ class Search(Ground):
             if wave is None or wave.value >= COHERENT * power.value:
                 break
             wave = slipped(self, wave, np.arange(len(wave.walls)))
-        if (share := 0.0 if wave is None else self.explained(wave, PHASED)) < PHASED - self.uncertainty:
+        if (share := 0.0 if wave is None else self.explained(wave, IN_VAIN)) < IN_VAIN - self.uncertainty:
             late = wave and delay_envelopes(self, Standing(power, wave, share))
             if late is None and self.has_other_cause(power):
                 return None

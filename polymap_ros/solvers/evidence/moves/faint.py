@@ -24,6 +24,9 @@ _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most, of
 which four fifths are left."""
 
+_IN_STEPS = 20
+"""Steps of a cycle in which echoes are looked up: half of one turns the phase by 9 degrees."""
+
 _BESIDE_RAD = 0.05
 """Lines nearer to a neighbour's direction than this are the neighbour's."""
 
@@ -104,6 +107,23 @@ def rehearse_faint() -> None:
 
 
 @kernel
+def _real_parts(
+    left: NDArray[np.complex128], phase: float, cell: float, carrier: float, step: float
+) -> NDArray[np.float64]:
+    """Return Re[exp(-j phi) c_i(r)] at multiples of a step of range, of cells without the carrier."""
+    pings, cells = left.shape
+    size = int((cells - 4) * cell / step) + 2
+    heard = np.zeros((pings, size))
+    for at in range(int(2.0 * cell / step) + 1, size):
+        angle = 2.0 * carrier * at * step - phase
+        turn = complex(np.cos(angle), np.sin(angle))
+        for i in range(pings):
+            value, _ = cubic(left[i], at * step / cell)
+            heard[i, at] = (turn * value).real
+    return heard
+
+
+@kernel
 def _add_in_phase(
     left: NDArray[np.complex128], amplitudes: NDArray[np.float64], phase: float, positions: NDArray[np.float64],
     baselines: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
@@ -111,7 +131,10 @@ def _add_in_phase(
     worth: NDArray[np.float64], coefficient: NDArray[np.float64],
 ) -> None:
     """Fill what each line is worth and its coefficient, by the feet between where it meets its neighbours."""
-    turn = complex(np.cos(phase), -np.sin(phase))
+    step = np.pi / carrier / _IN_STEPS
+    heard = _real_parts(left, phase, cell, carrier, step)
+    spread = np.maximum(step * np.arange(heard.shape[1]), cell) ** -spreading
+    nearest, farthest = max(first, 2) * cell, (left.shape[1] - 4) * cell
     for t in range(len(theta)):
         c, s = np.cos(theta[t]), np.sin(theta[t])
         for q in range(len(r)):
@@ -133,13 +156,11 @@ def _add_in_phase(
                 if away <= 0.0:  # a ping would be outside
                     feet = 0
                     break
-                at = away / cell
-                if along < start or along > end or at < max(first, 2) or at > left.shape[1] - 4:
+                if along < start or along > end or away < nearest or away > farthest:
                     continue
-                weight = amplitudes[i] * away**-spreading
-                value, _ = cubic(left[i], at)
-                angle = 2.0 * carrier * away
-                x += weight * (turn * value * complex(np.cos(angle), np.sin(angle))).real
+                at = round(away / step)
+                weight = amplitudes[i] * spread[at]
+                x += weight * heard[i, at]
                 y += weight * weight
                 feet += 1
             if feet >= _FEET and y > 0.0:

@@ -34,6 +34,9 @@ _BENT_RAD = 0.3
 _REFINED, _POLISHED = 4, 2
 """Delays that are refined, the best first, and those of them that are brought to their best."""
 
+_POLISH_BRINGS = 0.1
+"""Share of the echoes' power that being brought to their best has brought at most, up to 0.04 (four even seeds)."""
+
 _AS_MUCH = 1.0 - 1e-6
 """Share of a value from which two are one."""
 
@@ -61,7 +64,7 @@ def delay_envelopes(ground: Ground, standing: Standing) -> Wave | None:
         return None
     trials = [each for begun in _begun(ground, power) if (each := _in_phase(ground, begun)) is not None]
     for trial in sorted(trials, key=lambda each: -each.value)[:_POLISHED]:
-        if trial.value > wave.value:
+        if trial.value > wave.value and ground.explained(trial) > EXPLAINED - _POLISH_BRINGS:
             late = _at_best_delay(ground, with_louder(ground, trial) or trial)
             if late.value > (1.0 + EDGE_MISFIT) * wave.value and ground.explained(late) > ALL_EXPLAINED:
                 return _simplest(ground, late, wave)
