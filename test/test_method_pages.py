@@ -1,6 +1,6 @@
 """The pages of the method lead to the code: each file and each name that they give is there."""
 
-import importlib.util
+import importlib
 import re
 from pathlib import Path
 
@@ -42,10 +42,9 @@ def test_figures_and_sections_that_are_linked_are_there(page):
 
 @pytest.mark.heavy
 @pytest.mark.parametrize('name', ['ping', 'images', 'power', 'waveform', 'cycles'])
-def test_figures_are_drawn_by_the_code_as_it_is(name):
+def test_figures_are_drawn_by_the_code_as_it_is(name, monkeypatch):
     """Those that take seconds."""
     pytest.importorskip('matplotlib')
-    spec = importlib.util.spec_from_file_location('figures', TOP / 'doc' / 'method' / 'figures.py')
-    figures = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(figures)
+    monkeypatch.syspath_prepend(str(TOP / 'doc' / 'method'))
+    figures = importlib.import_module('figures')
     assert figures.FIGURES[name]().axes

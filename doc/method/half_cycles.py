@@ -4,7 +4,7 @@ import itertools
 from collections import Counter
 
 import numpy as np
-from figures import heard
+from against_truth import heard
 
 from polymap_ros import load_scene
 from polymap_ros.solvers.evidence.search import Found, Search, search_of

@@ -108,11 +108,7 @@ def trace_images(
     n, capacity, count = len(walls), len(found), 0
     size = np.max(np.abs(walls[:, 5] - walls[0, 5]) + np.abs(walls[:, 6] - walls[0, 6]))
     tie = _TIE * size * size
-    # Of each level: the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy), the wall that
-    # made it, and how many walls on, counter-clockwise, its children have come.
-    images, beams = np.empty((order + 1, 2)), np.empty((order + 1, 4))
-    hit, ahead = np.full(order + 1, -1), np.zeros(order + 1, np.int64)
-    images[0, 0], images[0, 1] = x, y
+    images, beams, hit, ahead = _levels(x, y, order)
     depth = 1
     while depth > 0:
         ahead[depth] += 1
@@ -120,8 +116,7 @@ def trace_images(
             depth -= 1
             continue
         wall = hit[depth - 1] + ahead[depth]
-        if wall >= n:
-            wall -= n
+        wall -= n if wall >= n else 0
         px, py = images[depth - 1, 0], images[depth - 1, 1]
         ax, ay, bx, by = walls[wall, 5] - px, walls[wall, 6] - py, walls[wall, 7] - px, walls[wall, 8] - py
         if depth > 1:
@@ -130,8 +125,8 @@ def trace_images(
                 last = hit[depth - 1]
                 if sides.corners[last, wall] < 0:  # where their ends are soft only
                     continue
-                c, s = walls[last, 0], walls[last, 1]
-                lit, ax, ay, bx, by = _beyond(walls[last, 2] + soft - px * c - py * s, c, s, ax, ay, bx, by)
+                lit, ax, ay, bx, by = _beyond(walls[last, 0], walls[last, 1], walls[last, 2] + soft, px, py,
+                                              ax, ay, bx, by)
             if lit == _LIT:
                 lit, ax, ay, bx, by = _within(beams[depth - 1, 0], beams[depth - 1, 1], beams[depth - 1, 2],
                                               beams[depth - 1, 3], ax, ay, bx, by, tie)
@@ -152,11 +147,7 @@ def trace_images(
         if bx * gy - by * gx >= -tie and ax * gy - ay * gx <= tie:
             clear = 1.0 if convex else _clear(sides, images, hit, depth, to_x, to_y, soft, max(soft, _TIE * size))
             if clear > 0.0 and not (merge and _is_known(found, min(count, capacity), qx, qy, 1e-7 * size)):
-                if count < capacity:
-                    found[count, 0], found[count, 1], found[count, 2] = qx, qy, clear
-                    for level in range(order):
-                        sequences[count, level] = hit[level + 1] if level < depth else -1
-                count += 1
+                count = _noted(count, qx, qy, clear, hit, depth, found, sequences)
         if depth < order:
             # Seen from the mirrored image the wall runs the other way round: its end comes first.
             beams[depth, 0], beams[depth, 1], beams[depth, 2], beams[depth, 3] = bx, by, ax, ay
@@ -165,14 +156,40 @@ def trace_images(
     return count
 
 
+@kernel
+def _levels(
+    x: float, y: float, order: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return, of each level, room for the image, its beam to the left of the ray (lx, ly) and to the right of (ux, uy),
+    the wall that made it, and how many walls on, counter-clockwise, its children have come; the source is the first.
+    """
+    images, beams = np.empty((order + 1, 2)), np.empty((order + 1, 4))
+    images[0, 0], images[0, 1] = x, y
+    return images, beams, np.full(order + 1, -1), np.zeros(order + 1, np.int64)
+
+
+@kernel
+def _noted(
+    count: int, x: float, y: float, clear: float, hit: NDArray[np.int64], depth: int, found: NDArray[np.float64],
+    sequences: NDArray[np.int64],
+) -> int:
+    """Write an image and its sides, -1 beyond its order, where they fit; returns how many there are with it."""
+    if count < len(found):
+        found[count, 0], found[count, 1], found[count, 2] = x, y, clear
+        for level in range(sequences.shape[1]):
+            sequences[count, level] = hit[level + 1] if level < depth else -1
+    return count + 1
+
+
 _LIT, _UNLIT, _PAST = 0, 1, 2
 
 
 @kernel
 def _beyond(
-    away: float, c: float, s: float, ax: float, ay: float, bx: float, by: float
+    c: float, s: float, r: float, px: float, py: float, ax: float, ay: float, bx: float, by: float
 ) -> tuple[int, float, float, float, float]:
-    """Return what of a wall from a to b, seen from an image, is beyond a line at `away` with the normal (c, s)."""
+    """Return what of a wall from a to b, seen from an image at p, is beyond a line at r with the normal (c, s)."""
+    away = r - px * c - py * s
     in_a, in_b = away - ax * c - ay * s, away - bx * c - by * s
     if in_a <= 0.0 and in_b <= 0.0:
         return _UNLIT, ax, ay, bx, by
