@@ -21,7 +21,7 @@ _TAPS = 8
 _PADDING = 1.5
 """Length of the zero-padded ping in pings; with that width the error is 1e-6."""
 
-_LATE = 0.1
+_LATE = 0.125
 """Share of an echo's energy, the slowest, that may arrive after the ping is over."""
 
 
@@ -76,7 +76,7 @@ class MatchedFilter:
     autocorrelation : ndarray, shape (2 * n_ranges - 1,), complex128
         psi(r' - r) = c(r') of a noise-free wall at r, over the differences of the range axis, 1 in the middle.
     heard_m : float
-        Range up to which echoes are over before the ping is, but for what is slowest of them, a hundredth of their
+        Range up to which echoes are over before the ping is, but for what is slowest of them, an eighth of their
         energy [m]. An echo from farther away looks like another pulse.
     """
 

@@ -157,9 +157,9 @@ def test_envelope_is_zero_where_no_sample_is():
 
 
 @pytest.mark.parametrize(('name', 'least', 'most'), [
-    ('plate, the paper', 0.9, 0.92), ('plate, late start', 0.9, 0.92), ('plate, a small one', 0.9, 0.95),
-    ('thick plate, 30 kHz', 0.9, 0.92), ('water, copper plate', 0.999, 1.0), ('air', 0.999, 1.0)])
-def test_up_to_a_range_nine_tenths_of_an_echo_s_energy_are_heard(name, least, most, burst, receive):
+    ('plate, the paper', 0.875, 0.89), ('plate, late start', 0.875, 0.89), ('plate, a small one', 0.875, 0.93),
+    ('thick plate, 30 kHz', 0.875, 0.89), ('water, copper plate', 0.999, 1.0), ('air', 0.999, 1.0)])
+def test_up_to_a_range_seven_eighths_of_an_echo_s_energy_are_heard(name, least, most, burst, receive):
     """Of echoes from there and from a twentieth beyond, the energy in the ping's samples over that of all of it."""
     medium, frequency, _, end, step, n, period, t0 = BURSTS[name]
     matched = MatchedFilter(medium, ToneBurst(frequency, 2.0), step * np.arange(round(end / step) + 1), n, period, t0)
@@ -170,7 +170,7 @@ def test_up_to_a_range_nine_tenths_of_an_echo_s_energy_are_heard(name, least, mo
         return echo / whole
 
     assert least <= heard(matched.heard_m) <= most
-    assert heard(1.05 * matched.heard_m) < 0.9
+    assert heard(1.05 * matched.heard_m) < 0.875
 
 
 def test_magnitudes_are_heard_up_to_a_whole_pulse_before_the_ping_is_over():

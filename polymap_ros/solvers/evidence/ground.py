@@ -173,6 +173,11 @@ class Ground:
         return 3.0 * float(np.sqrt(2.0 * cells / self.data.weight)) / self.data.excess
 
     @property
+    def edges_are_real(self) -> bool:
+        """Whether the only law is that no reflection turns the phase."""
+        return len(self.edges) == 1 and not len(self.edges[0].law)
+
+    @property
     def width_m(self) -> float:
         """Width of the pulse [m]."""
         return self.data.pulse.width_m

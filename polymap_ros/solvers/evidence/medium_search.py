@@ -28,8 +28,8 @@ _DIRECTIONS_APART, _MOST_UNEVEN = 0.0035, 0.0246
 for which walls make good but for a little."""
 
 _LEAST_UNEVEN = 1e-3
-"""Share below which walls that are found so are those of an even medium, which other moves find: 2 m of way are 2 mm
-longer by it, and it is a fifth of the least that has been simulated."""
+"""Share below which walls that are found so are those of an even medium: 2 m of way are 2 mm longer by it, and it is a
+fifth of the least that has been simulated."""
 
 _MEDIA_FASTER = np.arange(-0.015, 0.0151, 0.0025)
 """Shares that are tried of getting faster."""
@@ -54,9 +54,9 @@ _MEDIA_GAIN = 1.0
 
 
 class FoundMedium(NamedTuple):
-    """A medium, the search over what is heard in it, and the polygon there."""
+    """A medium, None for one that is even, the search over what is heard in it, and the polygon there."""
 
-    medium: UnevenMedium
+    medium: UnevenMedium | None
     search: Search
     found: Found
 
@@ -96,7 +96,10 @@ class _Trial(NamedTuple):
 
 
 def found_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> FoundMedium | None:
-    """Return the medium in which walls that were begun by power explain all of the echoes; None where there is none."""
+    """Return the medium in which walls that were begun by power explain all of the echoes; None where there is none.
+
+    Where it is all but even, its walls have led to those of the even one.
+    """
     if len(stamps_ns) < _MEDIUM_FROM or not (search.coherent and begun.walls.convex_outline):
         return None
     drive = _Drive(search, stamps_ns)
@@ -115,9 +118,16 @@ def found_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> 
         if found is not None and found.found.explained > WHOLE - search.uncertainty / 3.0:
             break
     enough = ALL_EXPLAINED - search.uncertainty / 3.0
-    if found is None or found.found.explained < enough or found.medium.unevenness(stamps_ns) < _LEAST_UNEVEN:
-        return None
-    return found
+    if found is not None and found.medium is not None and found.medium.unevenness(stamps_ns) < _LEAST_UNEVEN:
+        found = _in_even(search, found.found)
+    return found if found is not None and found.found.explained > enough else None
+
+
+def _in_even(search: Search, found: Found) -> FoundMedium | None:
+    """Return the same walls in an even medium."""
+    wave = found.wave and search.wave.refine(found.wave, FULL_ORDER)
+    settled = wave and search.changed(search.power.initial(found.power.strength).with_walls(wave.walls), wave)
+    return FoundMedium(None, search, settled) if settled else None
 
 
 def _grid() -> list[NDArray[np.float64]]:

@@ -106,13 +106,13 @@ def test_blurred_power_has_the_same_mean_and_an_echo_the_blurred_pulse(noise, li
 
 @pytest.mark.parametrize('n', [700, 1000, 2048, 8192])
 def test_nothing_is_predicted_beyond_what_the_pings_can_tell(n, listener):
-    """The axis ends where the slowest tenth of echoes, at 2,637 m/s, comes too late, or at 3 m; silence beyond is not
+    """The axis ends where the slowest eighth of echoes, at 2,683 m/s, comes too late, or at 3 m; silence beyond is not
     taken for weak noise.
     """
     generator = np.random.default_rng(6)
     data = data_of([Sounding(0, 0.0, 0.0, *listener.hear(Ping(0, generator.normal(size=n), 1e-6)))
                     for _ in range(20)], listener)
-    reach_m = 0.5 * 2637.0 * (n - 20) * 1e-6
+    reach_m = 0.5 * 2683.0 * (n - 20) * 1e-6
     assert data.range_max_m == pytest.approx(min(reach_m, 2.98), abs=0.04)
     assert 0.0 <= data.range_max_m - data.cell_m * (data.power.shape[1] - 1) < data.cell_m
     assert np.median(data.filling) == 0.0

@@ -54,7 +54,7 @@ def delay_envelopes(ground: Ground, standing: Standing) -> Wave | None:
     """
     wave = standing.wave
     bent = wave.edge.free and bool(np.any(np.abs(wave.edge.found) > _BENT_RAD))
-    if wave.loudness.late != 0.0 or len(wave.storey) or not (wave.walls.convex_outline and (
+    if ground.edges_are_real or wave.loudness.late != 0.0 or len(wave.storey) or not (wave.walls.convex_outline and (
             bent or standing.explained < EXPLAINED - ground.uncertainty)):
         return None
     power: Power | None = standing.power

@@ -22,9 +22,7 @@ def turn_phase(ground: Ground, standing: Standing) -> Wave | None:
     all walls, then each wall's own.
     """
     wave = standing.wave
-    told = len(ground.edges) == 1 and not len(ground.edges[0].law)
-    known = told or wave.edge.by_wall
-    if known or standing.explained < PHASED:
+    if ground.edges_are_real or wave.edge.by_wall or standing.explained < PHASED:
         return None
     least = max(EDGE_PRICE, EDGE_MISFIT * wave.value)
     for by_wall in (False, True):
