@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.lines import away_from, wrapped
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import Parameters
@@ -273,7 +274,26 @@ class Search(Ground):
         wave = add_inner_wall(self, Standing(found.power, found.wave, found.explained))
         if wave is None or 1.0 - self.explained(wave) > STILL_LEFT * (1.0 - found.explained):
             return None
-        return self.changed(found.power, wave)
+        settled = self.changed(found.power, wave)
+        return settled and (self._with_edges(settled) or settled)
+
+    def _with_edges(self, found: Found) -> Found | None:
+        """Return inner walls as faint edges of the outline, where that is worth as much: they have no ends to be found
+        then, and nothing was heard from behind them.
+        """
+        walls = found.walls
+        if found.wave is None or len(walls.interior.holes) or np.any(walls.turns > np.pi):
+            return None
+        edged = Walls.convex(walls.outline, walls.reflection[:walls.ring])
+        for (r, theta), reflection in zip(walls.lines[walls.ring:], walls.reflection[walls.ring:], strict=True):
+            side = away_from(np.array((r, theta)), self.data.positions)
+            if side.min() < 0.0 < side.max():
+                return None  # the robot has been behind it
+            line = np.array((r, theta) if side.min() >= 0.0 else (-r, wrapped(theta + np.pi)))
+            edged = edged.with_line(line, float(reflection))
+        wave = self.wave.refine(found.wave.with_walls(edged).with_slopes(None), FULL_ORDER)
+        settled = wave and self.changed(found.power.with_walls(edged), wave)
+        return settled if settled and settled.value > found.value - PRICE else None
 
     def mended(self, found: Found) -> Found | None:
         """Exchange an edge, or add one, by trying all lines; None where none is worth more."""

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from polymap_ros.evaluation.trials import filled_mapper, judged
+from polymap_ros.evaluation.variants import VARIANTS
 from polymap_ros.geometry.lines import moved_lines, polygon_lines, wrapped
+from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.sides import Interior
 from polymap_ros.parameters import Parameters
@@ -179,3 +181,13 @@ def test_plates_with_something_inside_are_right_and_not_doubted(kind):
     for wall, true in zip(estimate.inner_walls, scene.inner_walls, strict=True):
         assert abs(wall.reflection) == pytest.approx(true.reflection, abs=0.05)
         assert wall.edge.likelihood > 0.9
+
+
+@pytest.mark.parametrize('seed', [4, 6])
+def test_a_faint_wall_of_the_outline_is_no_inner_wall(seed):
+    """The other three of a quadrangle meet far away, and a wall in front of that explains as much."""
+    scene = VARIANTS['damped_0.2'].make(seed, 4)
+    mapper = filled_mapper(scene, Parameters())
+    estimate = mapper.solve()
+    assert (estimate.status, estimate.cautions, estimate.inner_walls) == ('closed', (), ())
+    assert compare(mapper.start_pose.apply(estimate.polygon.vertices), scene.vertices).right
