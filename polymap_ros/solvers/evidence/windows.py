@@ -21,11 +21,11 @@ _SIZES = 12, 8, 24
 """Pings of a window. At the level `bad`, of eight plates with five to eight edges (even seeds), three windows of ten
 are solved of 12 and 24 pings, and two of ten of 8."""
 
-_STARTS_OF_ONE, _STARTS_OF_WEAK, _ROUNDS = 2, 4, 6
+_STARTS_OF_ONE, _STARTS_OF_WEAK_ECHOES, _ROUNDS = 2, 4, 6
 """Starts of a window, those where echoes are weak, and rounds of search by power and of moving its poses with them:
 walls that are right move the poses, from which others are heard."""
 
-_WEAK = 0.05
+_WEAK_ECHOES = 0.05
 """Uncertainty of the share explained, by all pings, from which echoes are weak: it is 0.07 to 0.1 in plates at -10 dB.
 Of 18 at the level `typical` there (even seeds) windows of 15 are solved by four starts, of 13 by two."""
 
@@ -87,7 +87,7 @@ def _explained(search: Search, chain: Chain, pings: NDArray[np.int64]) -> tuple[
     best: Track | None = None
     for over in (sharp.over(sharp.data.blurred(BLUR * sharp.width_m)), sharp):
         best = _by_power(over, sharp, chain, pings, chain.poses[pings] - middle, best,
-                         search.uncertainty > _WEAK)
+                         search.uncertainty > _WEAK_ECHOES)
         share = share or (best.found.explained if best else 0.0)
         if best is None or best.found.explained < HOPELESS - uncertainty:
             return None, share
@@ -102,7 +102,7 @@ def _by_power(
 ) -> Track | None:
     """Return walls and poses by power, from starts of their own or from the last ones; None where nothing closes."""
     odometry, best, value = chain.between(pings), None, -np.inf
-    starts = (_STARTS_OF_WEAK if weak else _STARTS_OF_ONE) if last is None else 1
+    starts = (_STARTS_OF_WEAK_ECHOES if weak else _STARTS_OF_ONE) if last is None else 1
     for number in range(starts + _ROUNDS):
         over.checkpoint()
         here = poses if best is None else best.poses

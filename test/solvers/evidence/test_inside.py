@@ -190,4 +190,4 @@ def test_a_faint_wall_of_the_outline_is_no_inner_wall(seed):
     mapper = filled_mapper(scene, Parameters())
     estimate = mapper.solve()
     assert (estimate.status, estimate.cautions, estimate.inner_walls) == ('closed', (), ())
-    assert compare(mapper.start_pose.apply(estimate.polygon.vertices), scene.vertices).right
+    assert compare(estimate.polygon.vertices, scene.vertices).right
