@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.lines import away_from, wrapped
+from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import Parameters
@@ -284,13 +285,15 @@ class Search(Ground):
         walls = found.walls
         if found.wave is None or len(walls.interior.holes) or np.any(walls.turns > np.pi):
             return None
-        edged = Walls.convex(walls.outline, walls.reflection[:walls.ring])
-        for (r, theta), reflection in zip(walls.lines[walls.ring:], walls.reflection[walls.ring:], strict=True):
+        lines, inner = walls.lines.copy(), walls.lines[walls.ring:]
+        for number, (r, theta) in enumerate(inner, walls.ring):
             side = away_from(np.array((r, theta)), self.data.positions)
             if side.min() < 0.0 < side.max():
                 return None  # the robot has been behind it
-            line = np.array((r, theta) if side.min() >= 0.0 else (-r, wrapped(theta + np.pi)))
-            edged = edged.with_line(line, float(reflection))
+            if side.max() <= 0.0:
+                lines[number] = -r, wrapped(theta + np.pi)
+        bounding = half_plane_polygon(lines)[1]
+        edged = Walls.convex(lines[bounding], walls.reflection[bounding])
         wave = self.wave.refine(found.wave.with_walls(edged).with_slopes(None), FULL_ORDER)
         settled = wave and self.changed(found.power.with_walls(edged), wave)
         return settled if settled and settled.value > found.value - PRICE else None

@@ -183,9 +183,9 @@ def test_plates_with_something_inside_are_right_and_not_doubted(kind):
         assert wall.edge.likelihood > 0.9
 
 
-@pytest.mark.parametrize('seed', [4, 6])
+@pytest.mark.parametrize('seed', [4, 8])
 def test_a_faint_wall_of_the_outline_is_no_inner_wall(seed):
-    """The other three of a quadrangle meet far away, and a wall in front of that explains as much."""
+    """The other three of a quadrangle meet far away, by themselves or with a wall that is not there."""
     scene = VARIANTS['damped_0.2'].make(seed, 4)
     mapper = filled_mapper(scene, Parameters())
     estimate = mapper.solve()
