@@ -10,8 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.lines import away_from, wrapped
-from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import Parameters
@@ -22,7 +20,7 @@ from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import look_for_faint
 from polymap_ros.solvers.evidence.moves.hole import with_hole
-from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall
+from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, as_edges
 from polymap_ros.solvers.evidence.moves.late import delay_envelopes
 from polymap_ros.solvers.evidence.moves.scan import replace_by_scan
 from polymap_ros.solvers.evidence.moves.slip import slipped
@@ -279,21 +277,10 @@ class Search(Ground):
         return settled and (self._with_edges(settled) or settled)
 
     def _with_edges(self, found: Found) -> Found | None:
-        """Return inner walls as faint edges of the outline, where that is worth as much: they have no ends to be found
-        then, and nothing was heard from behind them.
-        """
-        walls = found.walls
-        if found.wave is None or len(walls.interior.holes) or np.any(walls.turns > np.pi):
+        """Return inner walls as faint edges of the outline, where that is worth as much: they have no ends then."""
+        edged = as_edges(found.walls, self.data.positions)
+        if edged is None or found.wave is None:
             return None
-        lines, inner = walls.lines.copy(), walls.lines[walls.ring:]
-        for number, (r, theta) in enumerate(inner, walls.ring):
-            side = away_from(np.array((r, theta)), self.data.positions)
-            if side.min() < 0.0 < side.max():
-                return None  # the robot has been behind it
-            if side.max() <= 0.0:
-                lines[number] = -r, wrapped(theta + np.pi)
-        bounding = half_plane_polygon(lines)[1]
-        edged = Walls.convex(lines[bounding], walls.reflection[bounding])
         wave = self.wave.refine(found.wave.with_walls(edged).with_slopes(None), FULL_ORDER)
         settled = wave and self.changed(found.power.with_walls(edged), wave)
         return settled if settled and settled.value > found.value - PRICE else None

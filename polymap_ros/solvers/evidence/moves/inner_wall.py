@@ -9,12 +9,14 @@ ends, and what it lets through, are tried one by one.
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.lines import away_from, wrapped
+from polymap_ros.geometry.outline import corners_of, half_plane_polygon
 from polymap_ros.geometry.paths import first_order
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, HEARD_THROUGH, INNER_WALLS, PHASED, SEARCH_ORDER
+from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
 _SUPPOSED = 0.3
@@ -63,6 +65,23 @@ def add_inner_wall(ground: Ground, standing: Standing) -> Wave | None:
         if found is not None and found.value > wave.value + ground.least_gain(wave.value) and found.walls.let_through:
             return found
     return None
+
+
+def as_edges(walls: Walls, positions: NDArray[np.float64]) -> Walls | None:
+    """Return a convex outline that inner walls are edges of, without those that they hide from pings at positions
+    (n, 2); None where a ping was behind one.
+    """
+    if len(walls.interior.holes) or np.any(walls.turns > np.pi):
+        return None
+    lines, inner = walls.lines.copy(), walls.lines[walls.ring:]
+    for number, (r, theta) in enumerate(inner, walls.ring):
+        away = away_from(np.array((r, theta)), positions)
+        if away.min() < 0.0 < away.max():
+            return None
+        if away.max() <= 0.0:
+            lines[number] = -r, wrapped(theta + np.pi)
+    bounding = half_plane_polygon(lines)[1]
+    return Walls.convex(lines[bounding], walls.reflection[bounding])
 
 
 def tune_inner_walls(ground: Ground, standing: Standing) -> Wave | None:
