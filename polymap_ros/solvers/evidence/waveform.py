@@ -108,6 +108,7 @@ class WaveformLikelihood:
         self.data, pulse = data, data.pulse
         self._heard = Echoes(data.ends, data.signal, data.range_max_m, data.soft_m, data.spreading, pulse.step_m,
                             pulse.carrier, pulse.baseband, pulse.curvature, np.ascontiguousarray(data.poses[:, 2]))
+        self._most = np.maximum(data.weight * data.power.sum(axis=1), 1e-300)  # nats of all that a ping heard
 
     def begun(self, walls: Walls, edge: EdgePhase = REAL, storey: Storey | None = None) -> Wave:
         """Return signed coefficients and the device's phase, from the first-order echoes alone; not evaluated.
@@ -152,7 +153,7 @@ class WaveformLikelihood:
     def _at(self, sides: Sides, walls: Walls, like: Wave, order: int, derive: bool) -> Wave:
         """Return L at the device's phase that fits best, near that of another, and its `edge`."""
         sums = self._sums(sides, like, order, walls, derive)
-        v, phase = np.maximum(sums.v, 1e-300), like.phase
+        v, phase = self._norms(sums), like.phase
         for _ in range(2):  # pings that disagree have no say in the phase
             agreeing = np.maximum(np.real(sums.u * np.exp(-1j * phase)), 0.0)
             if np.any(agreeing):
@@ -161,6 +162,12 @@ class WaveformLikelihood:
         value = float(np.sum(0.5 * amplitudes**2 * v)) + walls.log_prior() + like.edge.log_prior(walls.delay)
         slopes = _slopes(sums, v, amplitudes, phase) if derive else None
         return Wave(walls, phase, value, amplitudes, slopes, like.edge, like.loudness, like.storey)
+
+    def _norms(self, sums: Sums) -> NDArray[np.float64]:
+        """Return |s|^2 of each ping (N,), no smaller than |<s, c>|^2 / |c|^2 allows, with a factor of two for sampling:
+        paths that cancel leave nothing but rounding of both.
+        """
+        return np.asarray(np.maximum(sums.v, np.maximum(0.25 * np.abs(sums.u) ** 2 / self._most, 1e-300)))
 
     def gained(self, wave: Wave, edge: EdgePhase, order: int) -> float:
         """Return what L would gain by what is looked for of `edge`, the walls following, by its parabola about here."""
@@ -181,13 +188,13 @@ class WaveformLikelihood:
             return np.zeros(len(self.data.positions))
         sums = self._sums(sides, wave, order, wave.walls, False)
         agreeing = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0)
-        return np.asarray(0.5 * agreeing**2 / np.maximum(sums.v, 1e-300))
+        return np.asarray(0.5 * agreeing**2 / self._norms(sums))
 
     def by_ping(self, wave: Wave, order: int) -> tuple[NDArray[np.float64], Slopes]:
         """Return each ping's share (N,) of L at the phase of a waveform, and its slopes."""
         _, sides = self._sides(wave.walls)
         sums = self._sums(sides, wave, order, wave.walls, True)
-        v = np.maximum(sums.v, 1e-300)
+        v = self._norms(sums)
         amplitudes = np.maximum(np.real(sums.u * np.exp(-1j * wave.phase)), 0.0) / v
         return 0.5 * amplitudes**2 * v, _slopes(sums, v, amplitudes, wave.phase)
 
