@@ -126,8 +126,13 @@ def found_medium(search: Search, begun: Power, stamps_ns: NDArray[np.int64]) -> 
 def _in_even(search: Search, found: Found) -> FoundMedium | None:
     """Return the same walls in an even medium."""
     wave = found.wave and search.wave.refine(found.wave, FULL_ORDER)
-    settled = wave and search.changed(search.power.initial(found.power.strength).with_walls(wave.walls), wave)
+    settled = wave and _settled(search, wave, found.power.strength)
     return FoundMedium(None, search, settled) if settled else None
+
+
+def _settled(search: Search, wave: Wave, strength: float) -> Found | None:
+    """Return what the moves make of a waveform."""
+    return search.changed(search.power.initial(strength).with_walls(wave.walls), wave)
 
 
 def _grid() -> list[NDArray[np.float64]]:
@@ -170,7 +175,7 @@ def _found(drive: _Drive, trial: _Trial) -> FoundMedium | None:
         ground = drive.over(numbers)
         if ground.explained(wave, PHASED) < PHASED:
             break
-        settled = ground.changed(ground.power.initial(trial.power.strength).with_walls(wave.walls), wave)
+        settled = _settled(ground, wave, trial.power.strength)
         if settled is None or (found is not None and settled.value < found.found.value + _MEDIA_GAIN):
             break
         medium = drive.medium(numbers, deviations)

@@ -154,9 +154,9 @@ PHASED = 0.85
 where each wall turns the phase by up to 45 degrees."""
 
 IN_VAIN = 0.7
-"""Share of the echoes' power below which another cause than walls is asked for before they are changed: media that are
-not even by half a hundredth and more let walls explain 0.1 to 0.75, five of 36 more than 0.7; real edges 0.8 (even
-seeds)."""
+"""Share of the echoes' power below which another cause than walls is asked for before they are changed: in media that
+are not even by half a hundredth or a whole one walls explain 0.1 to 0.6, three times of 36 0.74 to 0.88; where echoes
+fade at the ends of walls 0.8 (even seeds)."""
 
 EDGE_WORTH = 1.2
 """Times the log likelihood that a law by which edges turn the phase has to be worth where none explains the echoes: a

@@ -86,8 +86,7 @@ def _explained(search: Search, chain: Chain, pings: NDArray[np.int64]) -> tuple[
     middle = np.append(chain.poses[pings, :2].mean(axis=0), 0.0)
     best: Track | None = None
     for over in (sharp.over(sharp.data.blurred(BLUR * sharp.width_m)), sharp):
-        best = _by_power(over, sharp, chain, pings, chain.poses[pings] - middle, best,
-                         search.uncertainty > _WEAK_ECHOES)
+        best = _by_power(over, sharp, chain, pings, chain.poses[pings] - middle, best)
         share = share or (best.found.explained if best else 0.0)
         if best is None or best.found.explained < HOPELESS - uncertainty:
             return None, share
@@ -97,12 +96,12 @@ def _explained(search: Search, chain: Chain, pings: NDArray[np.int64]) -> tuple[
 
 
 def _by_power(
-    over: Search, sharp: Search, chain: Chain, pings: NDArray[np.int64], poses: NDArray[np.float64],
-    last: Track | None, weak: bool,
+    over: Search, sharp: Search, chain: Chain, pings: NDArray[np.int64], poses: NDArray[np.float64], last: Track | None
 ) -> Track | None:
     """Return walls and poses by power, from starts of their own or from the last ones; None where nothing closes."""
     odometry, best, value = chain.between(pings), None, -np.inf
-    starts = (_STARTS_OF_WEAK_ECHOES if weak else _STARTS_OF_ONE) if last is None else 1
+    anew = _STARTS_OF_WEAK_ECHOES if sharp.uncertainty > _WEAK_ECHOES else _STARTS_OF_ONE
+    starts = anew if last is None else 1
     for number in range(starts + _ROUNDS):
         over.checkpoint()
         here = poses if best is None else best.poses

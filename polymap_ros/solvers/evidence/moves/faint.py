@@ -14,18 +14,15 @@ from polymap_ros.geometry.lines import wrapped
 from polymap_ros.geometry.paths import first_order
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.left_by_range import fine_step_m, left_by_range
 from polymap_ros.solvers.evidence.moves.scan import left_out
 from polymap_ros.solvers.evidence.moves.standing import Standing, better_of
 from polymap_ros.solvers.evidence.tuning import EXPLAINED, FULL_ORDER, SILENT
-from polymap_ros.solvers.evidence.wave_sums import cubic
 from polymap_ros.solvers.evidence.waveform import Wave
 
 _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most, of
 which four fifths are left."""
-
-_IN_STEPS = 20
-"""Steps of a cycle in which echoes are looked up: half of one turns the phase by 9 degrees."""
 
 _BESIDE_RAD = 0.05
 """Lines nearer to a neighbour's direction than this are the neighbour's."""
@@ -83,11 +80,10 @@ def _faint_lines(
     r = np.arange(0.0, data.range_max_m, ground.cycle_m / _PER_CYCLE)
     if len(theta) == 0:
         return []
-    left = ground.wave.left_without_carrier(base)
+    x, y = left_by_range(ground, base)
     worth, coefficient = np.zeros((len(theta), len(r))), np.zeros((len(theta), len(r)))
-    _add_in_phase(left, base.amplitudes, base.phase, data.positions, data.baselines, theta, r,
-                  np.array((before, after)), data.cell_m, data.pulse.carrier, data.spreading, data.first_cell, worth,
-                  coefficient)
+    _add_in_phase(x, y, fine_step_m(ground), base.amplitudes**2, data.positions, data.baselines, theta, r,
+                  np.array((before, after)), data.first_cell * data.cell_m, worth, coefficient)
     found: list[tuple[NDArray[np.float64], float]] = []
     for place in np.argsort(-worth, axis=None, kind='stable')[:_LISTED * 200]:
         row, column = np.unravel_index(place, worth.shape)
@@ -102,39 +98,18 @@ def _faint_lines(
 def rehearse_faint() -> None:
     """Use the kernel once."""
     one, table = np.ones(1), np.zeros((1, 1))
-    _add_in_phase(np.zeros((1, 8), complex), one, 0.0, np.zeros((1, 2)), np.zeros((1, 3)), one, one,
-                  np.array([(1.0, 0.0), (1.0, 2.0)]), 1.0, 1.0, 0.5, 0, table, table.copy())
-
-
-@kernel
-def _real_parts(
-    left: NDArray[np.complex128], phase: float, cell: float, carrier: float, step: float
-) -> NDArray[np.float64]:
-    """Return Re[exp(-j phi) c_i(r)] at multiples of a step of range, of cells without the carrier."""
-    pings, cells = left.shape
-    size = int((cells - 4) * cell / step) + 2
-    heard = np.zeros((pings, size))
-    for at in range(int(2.0 * cell / step) + 1, size):
-        angle = 2.0 * carrier * at * step - phase
-        turn = complex(np.cos(angle), np.sin(angle))
-        for i in range(pings):
-            value, _ = cubic(left[i], at * step / cell)
-            heard[i, at] = (turn * value).real
-    return heard
+    _add_in_phase(np.ones((1, 8), np.float32), np.ones(8), 1.0, one, np.zeros((1, 2)), np.zeros((1, 3)), one, one,
+                  np.array([(1.0, 0.0), (1.0, 2.0)]), 0.0, table, table.copy())
 
 
 @kernel
 def _add_in_phase(
-    left: NDArray[np.complex128], amplitudes: NDArray[np.float64], phase: float, positions: NDArray[np.float64],
-    baselines: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
-    neighbours: NDArray[np.float64], cell: float, carrier: float, spreading: float, first: int,
-    worth: NDArray[np.float64], coefficient: NDArray[np.float64],
+    x: NDArray[np.float32], y: NDArray[np.float64], fine: float, gain: NDArray[np.float64],
+    positions: NDArray[np.float64], baselines: NDArray[np.float64], theta: NDArray[np.float64], r: NDArray[np.float64],
+    neighbours: NDArray[np.float64], nearest: float, worth: NDArray[np.float64], coefficient: NDArray[np.float64],
 ) -> None:
     """Fill what each line is worth and its coefficient, by the feet between where it meets its neighbours."""
-    step = np.pi / carrier / _IN_STEPS
-    heard = _real_parts(left, phase, cell, carrier, step)
-    spread = np.maximum(step * np.arange(heard.shape[1]), cell) ** -spreading
-    nearest, farthest = max(first, 2) * cell, (left.shape[1] - 4) * cell
+    farthest = (x.shape[1] - 1) * fine
     for t in range(len(theta)):
         c, s = np.cos(theta[t]), np.sin(theta[t])
         for q in range(len(r)):
@@ -149,7 +124,7 @@ def _add_in_phase(
                     end = met
             if start >= end:
                 continue
-            x, y, feet = 0.0, 0.0, 0
+            sum_x, sum_y, feet = 0.0, 0.0, 0
             for i in range(len(positions)):
                 away, along = first_order(r[q], c, s, positions[i, 0], positions[i, 1], baselines[i, 0],
                                           baselines[i, 1], baselines[i, 2])
@@ -158,10 +133,9 @@ def _add_in_phase(
                     break
                 if along < start or along > end or away < nearest or away > farthest:
                     continue
-                at = round(away / step)
-                weight = amplitudes[i] * spread[at]
-                x += weight * heard[i, at]
-                y += weight * weight
+                at = round(away / fine)
+                sum_x += x[i, at]
+                sum_y += gain[i] * y[at]
                 feet += 1
-            if feet >= _FEET and y > 0.0:
-                worth[t, q], coefficient[t, q] = 0.5 * x * x / y, x / y
+            if feet >= _FEET and sum_y > 0.0:
+                worth[t, q], coefficient[t, q] = 0.5 * sum_x * sum_x / sum_y, sum_x / sum_y

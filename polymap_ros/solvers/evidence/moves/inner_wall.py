@@ -14,6 +14,7 @@ from polymap_ros.geometry.outline import corners_of, half_plane_polygon
 from polymap_ros.geometry.paths import first_order
 from polymap_ros.jit import kernel
 from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.left_by_range import fine_step_m, left_by_range
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, HEARD_THROUGH, INNER_WALLS, PHASED, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
@@ -24,9 +25,6 @@ _SUPPOSED = 0.3
 
 _PER_CYCLE = 5.0
 """Steps to a cycle, of r and, at the ends of the path, of theta: between two, a tenth of a cycle is lost at most."""
-
-_FINE_PER_CYCLE = 16.0
-"""Steps to a cycle, of range, at which what is left is looked up."""
 
 _LISTED, _TUNED = 6, 2
 """Lines that are tried, the best that are a pulse's width apart, and how many of them are refined."""
@@ -151,9 +149,9 @@ def _inner_lines(
     along = np.outer(np.cos(theta), data.positions[:, 1]) - np.outer(np.sin(theta), data.positions[:, 0])
     order = np.argsort(along, axis=1, kind='stable')
     runs = np.zeros((len(theta), _KEPT_RUNS, 6))
-    x, y = _by_range(ground, wave)
+    x, y = left_by_range(ground, wave)
     _add_runs(
-        x, y, ground.cycle_m / _FINE_PER_CYCLE, wave.amplitudes**2, data.positions, data.baselines, corners, theta,
+        x, y, fine_step_m(ground), wave.amplitudes**2, data.positions, data.baselines, corners, theta,
         order, reach, step, data.first_cell * data.cell_m, data.pulse.width_m, runs)
     found: list[tuple[NDArray[np.float64], tuple[float, float], float]] = []
     for place in np.argsort(-runs[:, :, _VALUE], axis=None, kind='stable'):
@@ -173,21 +171,6 @@ def rehearse_inner_walls() -> None:
     triangle = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     _add_runs(np.ones((1, 8), np.float32), np.ones(8), 1.0, np.ones(1), np.zeros((1, 2)), np.zeros((1, 3)), triangle,
               np.ones(1), np.zeros((1, 1), np.int64), 1.0, 1.0, 0.0, 0.0, np.zeros((1, _KEPT_RUNS, 6)))
-
-
-def _by_range(ground: Ground, wave: Wave) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return x (N, m) of what a waveform leaves, and y (m,) at amplitude 1, at fine steps of range."""
-    data = ground.data
-    left = ground.wave.left_without_carrier(wave)
-    ranges = np.arange(0.0, data.range_max_m, ground.cycle_m / _FINE_PER_CYCLE)
-    cells = data.cell_m * np.arange(left.shape[1])
-    falloff = np.maximum(ranges, ground.cycle_m) ** -data.spreading
-    turn = np.exp(1j * (2.0 * data.pulse.carrier * ranges - wave.phase))
-    x = np.empty((len(left), len(ranges)), np.float32)
-    for ping, row in enumerate(left):
-        envelope = np.interp(ranges, cells, row.real) + 1j * np.interp(ranges, cells, row.imag)
-        x[ping] = wave.amplitudes[ping] * falloff * np.real(turn * envelope)
-    return x, falloff**2
 
 
 @kernel
