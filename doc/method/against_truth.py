@@ -5,25 +5,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros import PolygonMapper, Pose
+from polymap_ros import Parameters, PolygonMapper
+from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.lines import moved_lines, polygon_lines
 from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.simulation.scenes import Scene, clearance
-from polymap_ros.simulation.waveforms import pings
 from polymap_ros.solvers.paper.annealing import Landscape, cost_of
 from polymap_ros.solvers.paper.solver import PaperSolver, filtered
 from polymap_ros.solvers.snapshot import Snapshot
-
-
-def heard(scene: Scene) -> PolygonMapper:
-    """Return a mapper that has heard all pings of a scene."""
-    mapper = PolygonMapper(scene.parameters())
-    for ping, pose in zip(pings(scene), scene.reported_poses().tolist(), strict=True):
-        mapper.add_pose(ping.emission_ns, Pose(*pose))
-        mapper.add_ping(ping)
-    mapper.finish()
-    return mapper
 
 
 def true_lines(scene: Scene, mapper: PolygonMapper) -> NDArray[np.float64]:
@@ -55,7 +45,7 @@ def against_the_truth(scene: Scene) -> Against:
 
     Its true lines are the best cells within one of them, and copies of the strongest of these fill up to K.
     """
-    mapper = heard(scene)
+    mapper = filled_mapper(scene, Parameters())
     evidence, parameters = mapper.evidence, mapper.parameters
     snapshot, lines = Snapshot.of(evidence), true_lines(scene, mapper)
     landscape = Landscape(snapshot.likelihood, snapshot.r_m, snapshot.theta_rad, snapshot.region.points,

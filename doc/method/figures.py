@@ -10,14 +10,15 @@ from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from against_truth import against_the_truth, heard, true_lines
+from against_truth import against_the_truth, true_lines
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from polymap_ros import PolygonMapper, load_scene, map_polygon, simulate
+from polymap_ros import Parameters, PolygonMapper, load_scene, map_polygon, simulate
+from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.alignment import alignment
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.lines import polygon_lines
@@ -58,7 +59,7 @@ class Plate(NamedTuple):
 def plate() -> Plate:
     """Return the plate of most figures, its walls found."""
     scene = load_scene(SCENE)
-    mapper = heard(scene)
+    mapper = filled_mapper(scene, Parameters())
     search = search_of(mapper.evidence, mapper.parameters)
     found = next(each for each in search.polygons() if each is not None)
     return Plate(scene, mapper, true_lines(scene, mapper), search, found)

@@ -4,9 +4,9 @@ import itertools
 from collections import Counter
 
 import numpy as np
-from against_truth import heard
 
-from polymap_ros import load_scene
+from polymap_ros import Parameters, load_scene
+from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 
@@ -32,7 +32,7 @@ def main() -> None:
     """Try all walls and all pairs of walls of two plates."""
     tried, right, left = Counter(), Counter(), []
     for name in SCENES:
-        mapper = heard(load_scene(name))
+        mapper = filled_mapper(load_scene(name), Parameters())
         search = search_of(mapper.evidence, mapper.parameters)
         found = next(search.polygons())
         for count in (1, 2):
