@@ -33,11 +33,12 @@ are tried in its place."""
 
 
 def improved(ground: Ground, start: Power, order: int, pool: NDArray[np.float64], residual: bool) -> Power:
-    """Change single edges, with lines of a pool (m, 2), while the likelihood of power less its price grows.
+    """Change single edges of a convex outline, with lines of a pool (m, 2), while the likelihood of power less its
+    price grows.
 
     With lines from the `residual`, too, and down to small gains; without, only what is better as it stands.
     """
-    power = ground.power.refine(start.walls, start, order, 6)
+    power = _refined(ground, start.walls, start, order, 6)
     if power is None:
         return start
     score = _less_price(power)
@@ -48,7 +49,7 @@ def improved(ground: Ground, start: Power, order: int, pool: NDArray[np.float64]
             if quick <= score and not residual:  # left for the next order
                 break
             ground.checkpoint()
-            refined = ground.power.refine(trial, power, order, 4)
+            refined = _refined(ground, trial, power, order, 4)
             if refined is None:
                 continue
             value = _less_price(refined)
@@ -67,7 +68,24 @@ def with_line(ground: Ground, walls: Walls, line: NDArray[np.float64]) -> Walls 
     """Return walls with one more in their convex outline, those left out that make no edge then; None where they bound
     no polygon.
     """
-    lines = bounding_lines(np.vstack((walls.outline, line)), ground.data.shortest_m)
+    return _bounded(ground, walls, np.vstack((walls.outline, line)))
+
+
+def _refined(ground: Ground, walls: Walls, like: Power, order: int, iterations: int) -> Power | None:
+    """Return a convex outline refined; where two of its lines have changed places on the way, which leaves a corner
+    that points inwards, what they bound is refined.
+    """
+    refined = ground.power.refine(walls, like, order, iterations)
+    if refined is None or np.all(refined.walls.turns < np.pi):
+        return refined
+    bounded = _bounded(ground, refined.walls, refined.walls.outline)
+    again = bounded and ground.power.refine(bounded, refined, order, iterations)
+    return again if again and np.all(again.walls.turns < np.pi) else None
+
+
+def _bounded(ground: Ground, walls: Walls, lines: NDArray[np.float64]) -> Walls | None:
+    """Return walls whose outline is the convex one that lines (n, 2) bound; None where they bound no polygon."""
+    lines = bounding_lines(lines, ground.data.shortest_m)
     if not len(lines):
         return None
     known = {tuple(each): reflection for each, reflection in zip(walls.lines.tolist(), walls.reflection, strict=True)}
