@@ -72,6 +72,10 @@ OBVIOUS = 400.0
 """A trial without a wall, or with one half a cycle off, is refitted only if it loses less than this [nats]: the
 remaining walls can win back at most a few tens; a wall that is heard is worth thousands."""
 
+WEAK_ECHOES = 0.05
+"""Uncertainty of the share explained, by all pings, from which echoes are weak: it is 0.07 to 0.1 in plates at -10 dB,
+0.01 at 0 dB."""
+
 ALL_EXPLAINED = 0.98
 """Share of the echoes' power from which nothing is looked for in the rest: the tail of higher orders."""
 

@@ -15,7 +15,7 @@ from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import first_strength, strongest_lines
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.tracking import Chain, Track, mended, refined
-from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, POOL, SEARCH_ORDER
+from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, POOL, SEARCH_ORDER, WEAK_ECHOES
 
 _SIZES = 12, 8, 24
 """Pings of a window. At the level `bad`, of eight plates with five to eight edges (even seeds), three windows of ten
@@ -23,11 +23,8 @@ are solved of 12 and 24 pings, and two of ten of 8."""
 
 _STARTS_OF_ONE, _STARTS_OF_WEAK_ECHOES, _ROUNDS = 2, 4, 6
 """Starts of a window, those where echoes are weak, and rounds of search by power and of moving its poses with them:
-walls that are right move the poses, from which others are heard."""
-
-_WEAK_ECHOES = 0.05
-"""Uncertainty of the share explained, by all pings, from which echoes are weak: it is 0.07 to 0.1 in plates at -10 dB.
-Of 18 at the level `typical` there (even seeds) windows of 15 are solved by four starts, of 13 by two."""
+walls that are right move the poses, from which others are heard. Of 18 plates at the level `typical` and -10 dB (even
+seeds) windows of 15 are solved by four starts, of 13 by two."""
 
 STEPS = 12
 """Steps of a climb by power, whose damping takes some to find its size."""
@@ -100,7 +97,7 @@ def _by_power(
 ) -> Track | None:
     """Return walls and poses by power, from starts of their own or from the last ones; None where nothing closes."""
     odometry, best, value = chain.between(pings), None, -np.inf
-    anew = _STARTS_OF_WEAK_ECHOES if sharp.uncertainty > _WEAK_ECHOES else _STARTS_OF_ONE
+    anew = _STARTS_OF_WEAK_ECHOES if sharp.uncertainty > WEAK_ECHOES else _STARTS_OF_ONE
     starts = anew if last is None else 1
     for number in range(starts + _ROUNDS):
         over.checkpoint()
