@@ -79,7 +79,10 @@ HEAVY = {
     'test_a_replay_writes_the_pulse_which_the_next_one_takes',
     'test_a_recording_may_have_more_parts_than_a_process_may_have_files_at_first',
     'test_outlines_that_are_not_convex_are_mapped', 'test_where_only_convex_ones_are_asked_for_an_l_stays_open',
-    'test_an_l_with_real_corners_is_mapped',
+    'test_an_l_with_real_corners_is_mapped', 'test_a_rectangular_hole_does_not_become_a_round_one',
+    'test_the_solver_maps_by_the_pulse_that_it_finds_and_goes_on_with_it',
+    'test_what_is_unexplained_may_need_more_edges_than_are_allowed',
+    'test_one_ping_aside_of_a_straight_path_does_not_tell_sides', 'test_in_echoes_of_the_wave_equation_little_is_left',
     'test_the_pulse_of_a_transducer_is_found_and_the_walls_with_it'}
 """Tests of ten seconds and more, together half of the time: ``pytest -m heavy`` runs them."""
 
