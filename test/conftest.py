@@ -88,6 +88,7 @@ HEAVY = {
 
 HERE = Path(__file__).parent
 CRASHED: set[str] = set()
+"""Tests that are tried again since their worker crashed."""
 
 
 def pytest_collection_modifyitems(items):
@@ -102,9 +103,10 @@ def pytest_collection_modifyitems(items):
 def pytest_handlecrashitem(crashitem, report, sched):
     """Where a worker that talks to a node crashes, another worker tries that test again, once.
 
-    The middleware runs in the worker, too, and twice took it down in a test of diagnostics; hours of trying on a loaded
-    machine did not show how. The node under test is a process of its own, whose end by a signal stays a failure. The
-    summary counts what was tried again, and the traces of the worker's threads are on stderr.
+    The middleware runs in the worker, too. Twice a worker crashed in a test of diagnostics, by what is not known: more
+    than an hour of trying on a loaded machine did not show it. The node under test is a process of its own, whose end
+    by a signal stays a failure. The summary counts what was tried again, and the traces of the worker's threads are on
+    stderr.
     """
     if crashitem.startswith('test/node/') and crashitem not in CRASHED:
         CRASHED.add(crashitem)

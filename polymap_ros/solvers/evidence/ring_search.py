@@ -51,14 +51,15 @@ _SCORED_RINGS, _REFINED_RINGS = 16, 5
 
 _RING_CHANGES, _FIRST_CHANGES = 12, 2
 """Changes in a row, at most, and those of the best ring to start from where echoes are weak: first echoes tell few of
-the walls then. At -10 dB it is worth 0.66 to 2.3 times what a convex outline is without (five L and T, even seeds), and
-1.4 times or more with them; where odometry drifts at most 1.1 times, or it explains next to nothing."""
+the walls then. At -10 dB it is worth 0.66 to 2.3 times what a convex outline is without (seven L and T, even seeds),
+and 1.4 times or more with them; under drift (six plates) 1.1 times at most, or it explains a third at most."""
 
 
 def ring_starts(ground: Ground) -> tuple[list[Power], NDArray[np.float64]]:
     """Return the best rings from closed walks, refined by two orders and three, and the lines they were chosen among.
 
     Changes, of which the best is made each time, lead one of the next rings to the outline where the first ends short.
+    Where echoes are weak, some are made to the best ring here, so that it tells what rings are worth.
     """
     data, nothing = ground.data, ground.nothing.expected
     strength = first_strength(data, nothing)

@@ -91,9 +91,14 @@ class Walls:
         return np.asarray(np.mod(self.outline[:, 1] - np.roll(self.outline[:, 1], 1), 2.0 * np.pi))
 
     @property
+    def has_reflex_corner(self) -> bool:
+        """Whether a corner of the outline points inwards."""
+        return bool(np.any(self.turns >= np.pi))
+
+    @property
     def convex_outline(self) -> bool:
         """Whether the lines, in their order, bound a convex outline, with nothing inside."""
-        return self.ring == len(self) and bool(np.all(self.turns < np.pi))
+        return self.ring == len(self) and not self.has_reflex_corner
 
     @property
     def let_through(self) -> bool:

@@ -38,7 +38,7 @@ def improved(ground: Ground, start: Power, order: int, pool: NDArray[np.float64]
 
     With lines from the `residual`, too, and down to small gains; without, only what is better as it stands.
     """
-    power = _refined(ground, start.walls, start, order, 6)
+    power = convex_refined(ground, start.walls, start, order, 6)
     if power is None:
         return start
     score = _less_price(power)
@@ -49,7 +49,7 @@ def improved(ground: Ground, start: Power, order: int, pool: NDArray[np.float64]
             if quick <= score and not residual:  # left for the next order
                 break
             ground.checkpoint()
-            refined = _refined(ground, trial, power, order, 4)
+            refined = convex_refined(ground, trial, power, order, 4)
             if refined is None:
                 continue
             value = _less_price(refined)
@@ -71,16 +71,16 @@ def with_line(ground: Ground, walls: Walls, line: NDArray[np.float64]) -> Walls 
     return _bounded(ground, walls, np.vstack((walls.outline, line)))
 
 
-def _refined(ground: Ground, walls: Walls, like: Power, order: int, iterations: int) -> Power | None:
+def convex_refined(ground: Ground, walls: Walls, like: Power, order: int, iterations: int) -> Power | None:
     """Return a convex outline refined; where two of its lines have changed places on the way, which leaves a corner
     that points inwards, what they bound is refined.
     """
     refined = ground.power.refine(walls, like, order, iterations)
-    if refined is None or np.all(refined.walls.turns < np.pi):
+    if refined is None or not refined.walls.has_reflex_corner:
         return refined
     bounded = _bounded(ground, refined.walls, refined.walls.outline)
-    again = bounded and ground.power.refine(bounded, refined, order, iterations)
-    return again if again and np.all(again.walls.turns < np.pi) else None
+    again = None if bounded is None else ground.power.refine(bounded, refined, order, iterations)
+    return None if again is None or again.walls.has_reflex_corner else again
 
 
 def _bounded(ground: Ground, walls: Walls, lines: NDArray[np.float64]) -> Walls | None:

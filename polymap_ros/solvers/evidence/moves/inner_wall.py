@@ -69,7 +69,7 @@ def as_edges(walls: Walls, positions: NDArray[np.float64]) -> Walls | None:
     """Return a convex outline that inner walls are edges of, without those that they hide from pings at positions
     (n, 2); None where a ping was behind one.
     """
-    if len(walls.interior.holes) or np.any(walls.turns > np.pi):
+    if len(walls.interior.holes) or walls.has_reflex_corner:
         return None
     lines, inner = walls.lines.copy(), walls.lines[walls.ring:]
     for number, (r, theta) in enumerate(inner, walls.ring):

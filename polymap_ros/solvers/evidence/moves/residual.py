@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.edge_phase import EdgePhase
 from polymap_ros.solvers.evidence.ground import Ground
-from polymap_ros.solvers.evidence.moves.exchange import with_line
+from polymap_ros.solvers.evidence.moves.exchange import convex_refined, with_line
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import strongest_chords
@@ -44,15 +44,15 @@ def with_another(
         if trial is None or len(trial) > ground.max_edges:
             continue
         ground.checkpoint()
-        rough = ground.power.refine(trial, base, 2, 3)
-        fine = None if rough is None else ground.power.refine(rough.walls, rough, SEARCH_ORDER, 4)
+        rough = convex_refined(ground, trial, base, 2, 3)
+        fine = None if rough is None else convex_refined(ground, rough.walls, rough, SEARCH_ORDER, 4)
         if fine is not None:
             refined.append(fine)
     for power in sorted(refined, key=lambda each: -each.value)[:REFINED]:
         if power.value < score + PRICE:
             break
         ground.checkpoint()
-        full = ground.power.refine(power.walls, power, FULL_ORDER, 6)
+        full = convex_refined(ground, power.walls, power, FULL_ORDER, 6)
         more = None if full is None else ground.aligned(full, edge)
         if more is not None and ground.worth(more) > worth + DIFFERENT:
             return more
