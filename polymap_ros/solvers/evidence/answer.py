@@ -152,6 +152,9 @@ class Findings:
         """Why the polygon is not closed by what was heard; None if it is."""
         if certainty.unsupported:
             return wording.edges_unheard(certainty.unsupported, len(found.lines))
+        unlikely = int(np.sum(certainty.likelihood[:len(found.lines)] < 1.0 - CERTAIN))
+        if unlikely and leaves_much(self.search, found):
+            return wording.edges_unlikely(unlikely, len(found.lines))
         if self.cut_off:
             return wording.corner_cut_off()
         _, corners = corners_of(found.lines)

@@ -132,6 +132,12 @@ def edges_unheard(unheard: int, edges: int) -> Caution:
                                  f'{"was" if unheard == 1 else "were"} not heard')
 
 
+def edges_unlikely(unlikely: int, edges: int) -> Caution:
+    """Say that edges of a polygon that leaves much unexplained are hardly walls."""
+    return Caution('not_closed', f'{unlikely} of the {edges} edges that would close the polygon '
+                                 f'{"is hardly a wall" if unlikely == 1 else "are hardly walls"}')
+
+
 def corner_cut_off() -> Caution:
     """Say that something is where a corner would be."""
     return Caution(
