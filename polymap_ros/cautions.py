@@ -103,6 +103,10 @@ CAUTIONS = {
     'odometry_drift': Kind(
         'answer', 'the echoes agree only where the poses are corrected; polygon and path are the corrected ones',
         'use the corrected path; where the odometry errs by more than it should, check wheels, stamps and medium'),
+    'odometry_scale': Kind(
+        'answer', 'ways are longer by the odometry, or shorter, than by the echoes, so that the speed of the waves or '
+        'the odometry is wrong; lengths are by the echoes',
+        'measure one edge: where it is as in the polygon, set odometry.scale, else the medium'),
     'slip': Kind(
         'answer', 'the robot moved in a way that its odometry did not see',
         'look for what made it slip there, where the map has to be exact'),

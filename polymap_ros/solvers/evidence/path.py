@@ -22,6 +22,13 @@ from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 _TOLD_M, _TOLD_RAD = 5e-5, np.deg2rad(0.05)
 """An odometry that is off by less is told as right: it would read as 0.0 mm and 0.0 deg."""
 
+_SCALE_DEVIATIONS, _SCALE_LEAST = 3.5, 0.01
+"""Deviations by which the lengths of ways have to differ from those by the echoes to be told, and the share: wheels are
+seldom known better, and polygons by the wrong one of steel and aluminium are 2.7 % off."""
+
+_LOOSENED = 25.0
+"""How much larger than assumed the odometry's covariance may be: of errors that vary, which are not a scale's."""
+
 
 class Known(NamedTuple):
     """Covariances, given the frame: of r and theta of each wall (2 n, 2 n), and of each pose (m, 3, 3)."""
@@ -71,7 +78,11 @@ def path_cautions(path: Trajectory, chain: Chain) -> list[Caution]:
     away = path.poses[-1, :2] - path.reported[-1, :2]
     away_m, turned_rad = float(np.hypot(*away)), float(wrapped(off.yaw))
     drifts = away_m > _TOLD_M or abs(turned_rad) > _TOLD_RAD
-    return [*([wording.odometry_drift(away_m, turned_rad, way_m)] if drifts else []), *steps_and_losses(path, chain)]
+    odometry = chain.between(np.arange(len(chain.poses))).loosened(path.poses, _LOOSENED)
+    scale, deviation = odometry.scale(path.poses)
+    differs = abs(scale - 1.0) > max(_SCALE_LEAST, _SCALE_DEVIATIONS * deviation)
+    return [*([wording.odometry_drift(away_m, turned_rad, way_m)] if drifts else []),
+            *([wording.odometry_scale(scale, deviation)] if differs else []), *steps_and_losses(path, chain)]
 
 
 def steps_and_losses(path: Trajectory, chain: Chain) -> list[Caution]:

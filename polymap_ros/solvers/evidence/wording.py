@@ -188,6 +188,14 @@ def odometry_drift(away_m: float, away_rad: float, way_m: float) -> Caution:
                                      f'at the end of {way_m:.1f} m, by the echoes of the walls')
 
 
+def odometry_scale(scale: float, deviation: float) -> Caution:
+    """Say how much longer the odometry's ways are than those by the echoes."""
+    longer = 'longer' if scale > 1.0 else 'shorter'
+    return Caution('odometry_scale', f'the ways of the odometry are {100.0 * abs(scale - 1.0):.1f} +- '
+                                     f'{100.0 * deviation:.1f} % {longer} than by the echoes: if the odometry is right, '
+                                     f'the polygon is that much too {"small" if scale > 1.0 else "large"}')
+
+
 def slips(slipped: Sequence[tuple[float, float, float]]) -> Caution:
     """Say when the robot slipped [s since the first ping], how far [m] and by what angle [rad]."""
     shown = ', '.join(f'by {1e3 * by_m:.0f} mm and {np.rad2deg(by_rad):+.1f} deg at {after_s:.1f} s'

@@ -113,3 +113,27 @@ def test_far_from_the_start_a_covariance_stays_one():
     """At a million metres rounding alone is more than a step is known to."""
     poses = drawn() + (1e6, -1e6, 0.0)
     assert np.all(np.linalg.eigvalsh(chain(poses).covariance) > 0.0)
+
+
+@pytest.mark.parametrize('scale', [1.0, 1.027])
+def test_the_scale_is_told_with_its_deviation(scale):
+    """Of 200 drives of the simulator's wheels over 8 m, with steps that are longer than they are."""
+    generator, drift = np.random.default_rng(5), Drift(0.015, 1.5, 0.05)
+    turns = np.deg2rad(20.0 * np.sin(np.arange(60)))
+    headings = np.cumsum(turns)
+    steps = 0.14 * np.column_stack((np.cos(headings), np.sin(headings)))
+    true = np.column_stack((np.cumsum(steps, axis=0), headings))
+    found = []
+    for _ in range(200):
+        told = reported(true, drift, generator)
+        told[:, :2] = told[0, :2] + scale * (told[:, :2] - told[0, :2])
+        found.append(chain(told).scale(true))
+    measured, deviations = np.array(found).T
+    scores = (measured - scale) / deviations
+    assert abs(np.mean(measured) - scale) < 0.001
+    assert 0.7 < np.std(scores) < 1.2
+    assert np.max(deviations) < 0.007
+
+
+def test_a_robot_that_stands_tells_no_scale():
+    assert chain(np.tile(drawn(1), (4, 1))).scale(np.tile(drawn(1), (4, 1))) == (1.0, np.inf)
