@@ -8,9 +8,10 @@ everything together takes some steps of Gauss and Newton: walls, taps, what the 
 phases; taps and walls in turn would creep.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,8 +22,9 @@ from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse, m
 from polymap_ros.solvers.evidence.moves.louder import DIFFERENCES, across, louder_by, unit
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
+from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
 from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER, RING_WORTH, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
@@ -48,6 +50,14 @@ _FITTED_TO = 15
 _TOLD_BY, _TOLD_TO = 10, 0.3
 """Pings from which a pulse is looked for: so many tell one at 0 dB; and the uncertainty of the share explained beyond
 which echoes are too weak to tell it."""
+
+_CONVEX = 0.6
+"""Score of the best guess of convex walls below which outlines that are not convex are tried first: of 36 plates (even
+seeds) it is less for four, and 0.42 and 0.36 of an L and a T."""
+
+_BY_POWER = 0.75
+"""Share of the echoes' power that an outline which is not convex explains by the pulse of minimum phase, to be fitted:
+of four L and T (even seeds) it is 0.93 to 1, and 0.57 to 0.62 of three outlines of a T that are wrong."""
 
 _ROUNDS_OF_WALLS = 4
 """How often walls are settled by a pulse and it is fitted to them again, at most."""
@@ -241,20 +251,53 @@ class Adapted(NamedTuple):
     found: Found
 
 
-def adapted(search: Search) -> Adapted | None:
+def adapted(search: Search, rings: bool = False) -> Adapted | None:
     """Return the pulse by which walls explain all of the echoes, and these walls; None where there is none.
 
     The first walls are those that power finds by the nominal pulse, and by one of minimum phase with the echoes'
-    spectrum. Walls that are missed so are found by a better pulse, and tell more of it in turn.
+    spectrum; or, where `rings` that need not be convex are asked for, such a ring by the latter, before the others where
+    these fit badly.
     """
     if len(search.data.positions) < _TOLD_BY or search.uncertainty > _TOLD_TO:
         return None
-    enough = ALL_EXPLAINED - search.uncertainty / 3.0
+    enough, best = ALL_EXPLAINED - search.uncertainty / 3.0, None
     data = search.data.every(max(len(search.data.positions) // _FITTED_TO, 1))
-    fit, best = PulseFit(WaveformLikelihood(data)), None
-    begun = (_by_power(search), _by_power(search.over(minimum_phase_pulse(search.data).heard(search.data))))
-    guesses = [guess for power in begun if power is not None for guess in pulse_guesses(search, fit, power.walls)]
-    guess = _climbed(search, fit, guesses)
+    fit = PulseFit(WaveformLikelihood(data))
+    ringing = search.over(minimum_phase_pulse(search.data).heard(search.data))
+    convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
+    first = _climbed(search, fit, [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)])
+    others = _ring_guesses(search, ringing, fit, convex) if rings else ()
+    convex_first = first is not None and first.score > _CONVEX
+    for guess in chain((first,), others) if convex_first else chain(others, (first,)):
+        own = guess and _told_by(search, fit, guess, enough)
+        if own and (best is None or own.found.explained > best.found.explained):
+            best = own
+        if best is not None and best.found.explained > enough:
+            return best
+    return None
+
+
+def _ring_guesses(search: Search, ringing: Search, fit: PulseFit, convex: Sequence[Power]) -> Iterator[Guess | None]:
+    """Give what fits best from outlines that need not be convex, where they are worth clearly more than convex ones."""
+    nothing = ringing.nothing
+    like = [ringing.power.fitted(power.walls, nothing.with_strength(power.strength), SEARCH_ORDER) for power in convex]
+    known = max((power.value for power in like if power is not None), default=nothing.value)
+    starts, pool = ring_starts(ringing)
+    for start in starts:
+        ringing.checkpoint()
+        ring = improved_ring(ringing, start, pool)
+        judged = ringing.judged(ring, None)
+        explains = judged is not None and judged.explained > _BY_POWER - ringing.uncertainty
+        if explains and ring.value - nothing.value > RING_WORTH * (known - nothing.value):
+            yield _climbed(search, fit, pulse_guesses(search, fit, ring.walls))
+
+
+def _told_by(search: Search, fit: PulseFit, guess: Guess | None, enough: float) -> Adapted | None:
+    """Return the pulse that a guess leads to, and the walls there that explain most.
+
+    Walls that are missed at first are found by a better pulse, and tell more of it in turn.
+    """
+    best: Adapted | None = None
     for count in range(_ROUNDS_OF_WALLS):
         if guess is None:
             break
@@ -268,10 +311,12 @@ def adapted(search: Search) -> Adapted | None:
             break
         best = Adapted(pulse, other, settled) if better else best
         # Where walls were wrong, so may the law have been that they told.
-        before, guess = guess.score, _climbed(search, fit, pulse_guesses(search, fit, settled.walls))
+        before, guesses = guess.score, pulse_guesses(search, fit, settled.walls)
+        hopeful = guesses if settled.explained < enough else [max(guesses, key=lambda each: each.score)]
+        guess = _climbed(search, fit, hopeful)
         if guess is not None and guess.score < before + _NO_BETTER:
             break
-    return best if best is not None and best.found.explained > enough else None
+    return best
 
 
 def _by_power(search: Search) -> Power | None:
@@ -301,7 +346,7 @@ def _settled(search: Search, guess: Wave, anew: bool) -> Found | None:
     wave = search.wave.evaluate(guess.walls, replace(guess, edge=edge), FULL_ORDER, derive=True)
     wave = wave and search.wave.refine(wave, FULL_ORDER)
     found = None if wave is None else search.changed(search.nothing.with_strength(1.0).with_walls(wave.walls), wave)
-    if anew and (found is None or found.explained < EXPLAINED):
+    if anew and guess.walls.convex_outline and (found is None or found.explained < EXPLAINED):
         other = next(search.polygons())
         found = other if other is not None and (found is None or other.value > found.value) else found
     return found

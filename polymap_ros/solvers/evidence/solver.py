@@ -242,7 +242,7 @@ class EvidenceSolver:
         """
         if not (self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)):
             return None
-        own = adapted(nominal)
+        own = adapted(nominal, self._beyond_convex(nominal))
         self._pulse = own.pulse if own else self._pulse
         return own
 
