@@ -201,6 +201,15 @@ def inside(corners: NDArray[np.float64], x: float, y: float) -> bool:
 
 
 @kernel
+def are_inside(corners: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which places (m, 2) are inside a simple polygon (n, 2)."""
+    found = np.zeros(len(places), np.bool_)
+    for i in range(len(places)):
+        found[i] = inside(corners, places[i, 0], places[i, 1])
+    return found
+
+
+@kernel
 def is_convex(corners: NDArray[np.float64]) -> bool:
     """Return whether a counter-clockwise outline turns left at every corner."""
     n = len(corners)

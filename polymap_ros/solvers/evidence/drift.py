@@ -1,6 +1,6 @@
 """Odometry that drifts: walls and poses from nothing but the echoes and what wheels tell of the way."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -11,6 +11,7 @@ from polymap_ros.geometry.pose import FARTHEST_M
 from polymap_ros.solvers.evidence.imaged import imaged_track
 from polymap_ros.solvers.evidence.odometry import SLIP
 from polymap_ros.solvers.evidence.rejoining import behind, rejoined
+from polymap_ros.solvers.evidence.ring_windows import ring_windows
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tracking import (
     CONSISTENT,
@@ -134,13 +135,18 @@ class Follower:
         self._poses = dict(zip(stamps, track.poses, strict=True))
 
 
-def begun(search: Search, chain: Chain, found: Found | None) -> Track | None:
-    """Return walls and poses, given what was found from the reported ones; None where no window of the pings closes."""
+def begun(search: Search, chain: Chain, found: Found | None, rings: bool = False) -> Track | None:
+    """Return walls and poses, given what was found from the reported ones; None where no window of the pings closes.
+
+    `rings` says whether outlines that need not be convex are looked for, where no convex one closes.
+    """
     if found is not None and found.wave is not None and found.explained > _IN_PHASE_ALL_ALONG:
         track = refined(search, chain, found, np.arange(len(chain.poses)), chain.poses)
         track = None if track is None else mended(search, chain, track, (), 0.0)
     else:
-        track = _from_all(search, chain, found) or tracked(search, chain)
+        track = _from_all(search, chain, found) or tracked(search, chain, windows(search, chain))
+        if rings and track is None:
+            track = tracked(search, chain, ring_windows(search, chain))
     if track is None:
         return None
     track = rejoined(search, chain, sifted(search, chain, track))
@@ -167,11 +173,11 @@ def _worth(track: Track) -> float:
     return len(track.pings) * min(track.found.explained, 1.0)
 
 
-def tracked(search: Search, chain: Chain) -> Track | None:
-    """Return the walls that place the most pings, with these; None where no window of them closes."""
+def tracked(search: Search, chain: Chain, begun_in: Iterable[Track]) -> Track | None:
+    """Return the walls of windows that place the most pings, with these; None where no window of them closes."""
     best: Track | None = None
     whole = 0
-    for window in windows(search, chain):
+    for window in begun_in:
         track = _extended(search, chain, window)
         whole += track is not None and len(track.pings) >= _MOST * len(chain.poses)
         if track is not None and (best is None or _worth(track) > _worth(best)):

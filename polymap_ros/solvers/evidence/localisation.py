@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.outline import are_inside, corners_of
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.likelihood import Slopes
 from polymap_ros.solvers.evidence.odometry import by_ends
@@ -111,6 +111,10 @@ class Localiser:
                 best = max(best, wider, key=_worth)
         return best
 
+    def place_in_phase(self, ping: int, prior: Prior) -> Fix:
+        """Return the best pose in phase, looked for all over a prior of some cycles."""
+        return self._near(ping, prior, whole=True)
+
     def _is_small(self, prior: Prior) -> bool:
         """Whether all of a prior can be looked at in phase."""
         area_m2 = (2.0 * _DEVIATIONS) ** 2 * np.sqrt(max(float(np.linalg.det(prior.covariance[:2, :2])), 0.0))
@@ -140,10 +144,7 @@ class Localiser:
         offsets = np.stack(np.meshgrid(*steps, indexing='ij'), axis=-1).reshape(-1, 2)
         within = np.sum((offsets / (reach + step_m)) ** 2, axis=1) <= 1.0
         poses = _with_heading(prior, prior.pose[:2] + offsets[within] @ axes.T)
-        lines = self._found.lines
-        positions = self._data.sensors(poses)
-        room = lines[:, 0] - positions @ np.array([np.cos(lines[:, 1]), np.sin(lines[:, 1])])
-        inside = room.min(axis=1) > 0.0
+        inside = are_inside(corners_of(self._found.lines)[1], self._data.sensors(poses))
         return poses[inside] if np.any(inside) else prior.pose[None]
 
     def _by_power(self, ping: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:

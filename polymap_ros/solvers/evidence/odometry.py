@@ -42,7 +42,8 @@ _SOME = 8
 """Poses from which their median tells something."""
 
 _SCALE_ROUNDS = 4
-"""Regressions by which a scale is found: of 3 % the first leaves a fifth, since an error tells less the larger it is."""
+"""Regressions by which a scale is found: of 3 % the first leaves a fifth, since an error tells less the larger it is.
+"""
 
 _GAUSSIAN = 1e9
 """As many that the distribution is a Gaussian."""

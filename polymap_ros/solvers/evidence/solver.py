@@ -293,7 +293,7 @@ class EvidenceSolver:
             return None
         if found is None or len(found.storey):
             reported = reported.between(*self._storey(reported))
-        track = begun(reported, chain, found)
+        track = begun(reported, chain, found, self._beyond_convex(reported))
         if track is not None and self._beyond_convex(reported):
             track = with_inner_walls(reported, chain, imaged_track(reported, chain, track, enough))
         self._untracked = track is None

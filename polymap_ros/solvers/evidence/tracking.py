@@ -24,6 +24,7 @@ from polymap_ros.solvers.evidence.power import PowerLikelihood
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.trajectory import Joint, JointLikelihood, World
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, FULL_ORDER
+from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import WaveformLikelihood
 
 CONSISTENT, FOUND = 0.85, 0.6
@@ -42,6 +43,9 @@ _ASTRAY = 4
 
 _SOBER = 3
 """Steps of a climb without slips: headings, which odometry alone tells, are linear in it."""
+
+_ANOTHER_CYCLE = 0.25
+"""Cycles of range by which a wall is moved that was in another cycle: by half a one, or more."""
 
 _REFINED_EVERY = 12
 """Pings placed from one refinement of walls and poses to the next."""
@@ -213,10 +217,17 @@ def improved_track(search: Search, chain: Chain, track: Track) -> Track:
         return track
     if better.found.wave is not None and not np.any(better.found.walls.known):
         changed = better.search.changed(better.found.power, better.found.wave)
-        if changed is not None and len(changed.walls) != len(better.found.walls):
+        if changed is not None and _are_others(changed.walls, better.found.walls, search.cycle_m):
             again = refined(search, chain, changed, better.pings, better.poses)
             better = again or better
     return better
+
+
+def _are_others(walls: Walls, before: Walls, cycle_m: float) -> bool:
+    """Whether walls are not just those before, refined: another number, or one that was in another cycle."""
+    if len(walls) != len(before) or walls.ring != before.ring:
+        return True
+    return bool(np.max(np.abs(walls.lines[:, 0] - before.lines[:, 0])) > _ANOTHER_CYCLE * cycle_m)
 
 
 def with_inner_walls(search: Search, chain: Chain, track: Track) -> Track:

@@ -11,6 +11,7 @@ from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.imaged import imaged_track
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.start import starts
+from polymap_ros.solvers.evidence.phase_lock import locked
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import first_strength, strongest_lines
 from polymap_ros.solvers.evidence.search import Search
@@ -33,7 +34,7 @@ BLUR = 0.75
 """How far power is blurred first, in widths of the pulse: walls and poses are found from farther away. Of 90 windows at
 the level `bad` (even seeds) 22 are solved, and 11 without."""
 
-_DOUBTED = -2.0, 8.0
+FOOT_LIMITS = -2.0, 8.0
 """Nats that one ping of a few may bring for or against a wall. Without, one strong echo holds all tangents of its
 circle above the walls that several pings hear, and where the odometry is off a wall is missed by some."""
 
@@ -79,7 +80,7 @@ def _explained(search: Search, chain: Chain, pings: NDArray[np.int64]) -> tuple[
     if _narrow(heard):
         return None, share
     uncertainty = search.over(heard).uncertainty  # of a few pings
-    sharp = search.over(dataclasses.replace(search.data, foot_limits=_DOUBTED))
+    sharp = search.over(dataclasses.replace(search.data, foot_limits=FOOT_LIMITS))
     middle = np.append(chain.poses[pings, :2].mean(axis=0), 0.0)
     best: Track | None = None
     for over in (sharp.over(sharp.data.blurred(BLUR * sharp.width_m)), sharp):
@@ -154,17 +155,20 @@ def _narrow(data: EchoData) -> bool:
 def in_phase(search: Search, chain: Chain, track: Track, widest_m: float = 0.0) -> Track | None:
     """Return the walls and poses settled by the waveform; None where the echoes do not agree.
 
-    Pings are looked for so much farther away than the odometry expects, where they are not found.
+    First the walls from where the poses are by power, then walls and poses; where that is not enough, each ping is
+    locked in phase by itself. Pings are looked for so much farther away than the odometry expects, where they are not
+    found.
     """
     track = _by_all_orders(search, chain, track)
     settled = track.search.settle(track.found.power)
-    if settled is None:
-        return None
-    found = settled if settled.wave is not None else track.search.judge(settled.power)
+    found = settled if settled is None or settled.wave is not None else track.search.judge(settled.power)
     better = None if found is None else refined(search, chain, found, track.pings, track.poses)
     if better is not None and better.found.explained < SETTLED:  # power may leave a pose a cycle off
         better = imaged_track(search, chain, mended(search, chain, better, track.pings, widest_m), SETTLED)
-    if better is None or better.found.wave is None or better.found.explained < SETTLED - track.search.uncertainty:
+    enough = SETTLED - track.search.uncertainty
+    if better is None or better.found.wave is None or better.found.explained < enough:
+        better = locked(search, chain, track, SETTLED)
+    if better is None or better.found.wave is None or better.found.explained < enough:
         return None
     return better
 

@@ -191,9 +191,10 @@ def odometry_drift(away_m: float, away_rad: float, way_m: float) -> Caution:
 def odometry_scale(scale: float, deviation: float) -> Caution:
     """Say how much longer the odometry's ways are than those by the echoes."""
     longer = 'longer' if scale > 1.0 else 'shorter'
+    too = 'small' if scale > 1.0 else 'large'
     return Caution('odometry_scale', f'the ways of the odometry are {100.0 * abs(scale - 1.0):.1f} +- '
-                                     f'{100.0 * deviation:.1f} % {longer} than by the echoes: if the odometry is right, '
-                                     f'the polygon is that much too {"small" if scale > 1.0 else "large"}')
+                                     f'{100.0 * deviation:.1f} % {longer} than by the echoes: if the odometry is '
+                                     f'right, the polygon is that much too {too}')
 
 
 def slips(slipped: Sequence[tuple[float, float, float]]) -> Caution:

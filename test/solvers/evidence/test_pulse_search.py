@@ -15,8 +15,8 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.solvers.evidence.edge_phase import REAL
+from polymap_ros.solvers.evidence.fitted_pulse import moves_of
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, minimum_phase_pulse, spectral_misfit
-from polymap_ros.solvers.evidence.pulse_search import moves_of
 from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.evidence.solver import EvidenceSolver
 from polymap_ros.solvers.evidence.walls import Walls
