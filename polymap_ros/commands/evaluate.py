@@ -161,7 +161,10 @@ def _shapes(arguments: argparse.Namespace) -> int:
     if echoes == 'fresnel' and (bent := [kind for kind in kinds if len(shaped_scene(kind, seeds[0]).circles)]):
         raise UsageError(f'--echoes fresnel: diffraction is of corners, not of round holes, which {", ".join(bent)} '
                          'have; name another --variant, or --echoes waves')
-    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, echoes)
+    world = arguments.world or 'clean'
+    if world != 'clean' and echoes != 'images':
+        raise UsageError(f'--echoes {echoes}: of --world {world} echoes are images; leave one of the two out')
+    experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, echoes, world)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (
         kinds.index(entry.kind), entry.trial.seed))

@@ -68,7 +68,8 @@ EXPERIMENTS = {
         'takes. Writes results.csv and table.md.',
         'about 10 s of one core for each scene, more with holes; 10 scenes of each kind by default.',
         ('shapes --variant l --seeds 1:5 --jobs 2 --output l', 'shapes --variant hole --jobs 2 --output hole',
-         'shapes --variant l --echoes waves --seeds 1:5 --output waves', 'shapes --jobs 2 --output shapes')),
+         'shapes --variant l --echoes waves --seeds 1:5 --output waves',
+         'shapes --variant l --world typical --seeds 1:5 --output drifting', 'shapes --jobs 2 --output shapes')),
     'live': Experiment(
         'the real node over DDS for minutes',
         'The real node over DDS, driven round a plate: what it loses, what it costs and how late it is. Needs ROS. '
@@ -162,6 +163,9 @@ def _options() -> dict[str, tuple[Mapping[str, str], dict[str, Any]]]:
                                 'faded over a Fresnel zone there, and corners diffract; waves: the wave equation, '
                                 'some minutes a scene; not with inner walls'},
                      {'choices': ('images', 'fresnel', 'waves')}),
+        '--world': ({'shapes': 'clean: nothing but noise (default); mild: edges, device and medium as in the variant '
+                               'mild of random; typical: odometry that drifts; echoes are images then'},
+                    {'choices': ('clean', 'mild', 'typical')}),
         '--drive': ({'random': 'drive stretches of the odometry in this recording (topic: topics.odom; of a ROS 1 bag '
                                'rosbags-convert makes one), turned and scaled to fill the rooms'},
                     {'type': console.path_argument, 'metavar': 'RECORDING'}),

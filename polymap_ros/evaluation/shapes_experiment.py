@@ -2,17 +2,27 @@
 
 import dataclasses
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from polymap_ros.evaluation.slam_experiment import aligning
 from polymap_ros.evaluation.tables import interval, markdown, percent, unique
 from polymap_ros.evaluation.trials import TOLERANCE_M, KindTrial, filled_mapper, inside_judged, judged, ready
+from polymap_ros.evaluation.variants import mild
 from polymap_ros.geometry.inside_error import InsideComparison
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shaped_scene
+
+WORLDS: dict[str, Callable[[Scene], Scene]] = {
+    'clean': lambda scene: scene,
+    'mild': mild,
+    'typical': lambda scene: dataclasses.replace(scene, faults=dataclasses.replace(scene.faults, drift='typical')),
+}
+"""By name, what else the world is like: as in the variant `mild` of `random`, or with odometry that drifts."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +56,8 @@ class ShapesExperiment:
         What the scene does not prescribe.
     echoes : str
         Of `ECHOES`.
+    world : str
+        Of `WORLDS`; but for `clean` the echoes are those of `noise_free`.
     """
 
     kinds: Sequence[str]
@@ -53,6 +65,7 @@ class ShapesExperiment:
     snr_db: float | None
     parameters: Parameters
     echoes: str = 'images'
+    world: str = 'clean'
 
     def scenes(self) -> list[tuple[str, int]]:
         """Kind and seed of every scene."""
@@ -60,12 +73,15 @@ class ShapesExperiment:
 
     def run_one(self, kind: str, seed: int) -> list[ShapeTrial]:
         """The trial of one scene, whose `seconds` are of CPU."""
-        scene = dataclasses.replace(shaped_scene(kind, seed), snr_db=self.snr_db)
+        scene = WORLDS[self.world](dataclasses.replace(shaped_scene(kind, seed), snr_db=self.snr_db))
         ready(self.parameters)
-        mapper = filled_mapper(scene, self.parameters, clean_echoes(scene, self.echoes))
+        clean = clean_echoes(scene, self.echoes) if self.world == 'clean' else None
+        mapper = filled_mapper(scene, self.parameters, clean)
         started = time.process_time()
         estimate = mapper.solve()
-        trial = judged(estimate, scene, self.parameters.solver.method, time.process_time() - started)
+        seconds = time.process_time() - started
+        estimate = estimate.moved(aligning(estimate, scene).motion)
+        trial = judged(estimate, scene, self.parameters.solver.method, seconds)
         polygon = estimate.polygon
         right = polygon is not None and compare(polygon.vertices, scene.vertices, TOLERANCE_M).right
         return [ShapeTrial(kind, trial, right, inside_judged(estimate, scene))]

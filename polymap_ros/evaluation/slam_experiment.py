@@ -4,13 +4,16 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polymap_ros.evaluation.tables import interval, markdown, percent, unique
 from polymap_ros.evaluation.trials import Trial, feed, judged, ready
 from polymap_ros.evaluation.variants import VARIANTS, Variant
 from polymap_ros.geometry.alignment import PathError, alignment, path_error
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters, SensorParameters
 from polymap_ros.simulation.random_scenes import Recipe, random_scene
@@ -141,17 +144,30 @@ class SlamExperiment:
         return [slam_trial(case, scene, estimate, time.process_time() - started, kind.tolerance_m)]
 
 
+class Aligned(NamedTuple):
+    """Poses (N, 3) of all pings of a scene, which of them are not lost (N,), and the motion that brings them there."""
+
+    poses: NDArray[np.float64]
+    places: NDArray[np.bool_]
+    motion: Pose
+
+
+def aligning(estimate: Estimate, scene: Scene) -> Aligned:
+    """Return the path of an answer, the reported one where it has none, and what brings it onto the true one."""
+    poses, places = scene.reported_poses(), np.ones(len(scene.poses), np.bool_)
+    if estimate.trajectory is not None:
+        poses = np.array(poses)
+        numbers = np.searchsorted(scene.stamps_ns, estimate.trajectory.stamps_ns)
+        poses[numbers] = estimate.trajectory.poses
+        places = np.zeros(len(scene.poses), np.bool_)
+        places[numbers[~estimate.trajectory.lost]] = True
+    return Aligned(poses, places, alignment(poses[places, :2], scene.poses[places, :2]))
+
+
 def slam_trial(case: str, scene: Scene, estimate: Estimate, seconds: float, tolerance_m: float) -> SlamTrial:
     """Judge an answer and its path."""
     true, reported = scene.poses, scene.reported_poses()
-    poses, places = reported, np.ones(len(true), np.bool_)
-    if estimate.trajectory is not None:
-        poses = np.array(reported)
-        numbers = np.searchsorted(scene.stamps_ns, estimate.trajectory.stamps_ns)
-        poses[numbers] = estimate.trajectory.poses
-        places = np.zeros(len(true), np.bool_)
-        places[numbers[~estimate.trajectory.lost]] = True
-    motion = alignment(poses[places, :2], true[places, :2])
+    poses, places, motion = aligning(estimate, scene)
     trial = judged(estimate.moved(motion), scene, 'evidence', seconds, tolerance_m)
     by_odometry = alignment(reported[:, :2], true[:, :2])
     gauge = _gauge(estimate, scene) if estimate.polygon and trial.right else ()

@@ -156,6 +156,8 @@ def test_the_wave_equation_with_inner_walls_is_refused_before_the_work(tmp_path,
     assert 'which stiffener, seam have; name another --variant' in capsys.readouterr().err
     assert main(['shapes', '--echoes', 'fresnel', '--output', str(tmp_path / 'fresnel')]) == 2
     assert 'not of round holes, which round_hole, two_round_holes have' in capsys.readouterr().err
+    assert main(['shapes', '--variant', 'l', '--echoes', 'waves', '--world', 'mild', '--output', str(tmp_path)]) == 2
+    assert 'of --world mild echoes are images' in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(SystemExit):
         main(['shapes', '--echoes', 'ideal', '--output', 'x'])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import shapely
 
+from polymap_ros.evaluation.shapes_experiment import ShapesExperiment
 from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.lines import polygon_lines
-from polymap_ros.geometry.outline import corners_of
+from polymap_ros.geometry.outline import are_inside, corners_of
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.scenes import audible_feet
@@ -71,6 +72,7 @@ def test_inside_is_shapelys(kind):
     places = np.random.default_rng(2).uniform(-0.3, 1.8, (500, 2))
     expected = shapely.contains_xy(shapely.Polygon(corners), *places.T)
     assert [inside(corners, *place) for place in places.tolist()] == expected.tolist()
+    assert are_inside(corners, places).tolist() == expected.tolist()
 
 
 @pytest.mark.parametrize('kind', SHAPE_KINDS)
@@ -183,6 +185,16 @@ def test_outlines_that_are_not_convex_are_mapped(kind):
     inside_start = shapely.Polygon(mapper.start_pose.inverse().apply(estimate.polygon.vertices))
     expected = area.intersection(inside_start).area / area.union(inside_start).area
     assert estimate.iou_free_area == pytest.approx(expected, abs=1e-6)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(('world', 'told'), [('mild', {'pulse_adapted'}), ('typical', {'odometry_drift'})])
+def test_an_l_is_right_by_another_pulse_and_under_odometry_that_drifts(world, told):
+    """Edges, device and medium as they are, or wheels that err, of which nothing is told."""
+    trial, = ShapesExperiment(('l',), (4,), 0.0, Parameters(), world=world).run_one('l', 4)
+    assert trial.trial.right
+    assert set(trial.trial.cautions) == told
+    assert max(trial.trial.offsets_m) < 2e-4
 
 
 def test_where_only_convex_ones_are_asked_for_an_l_stays_open():
