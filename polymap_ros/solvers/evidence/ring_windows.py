@@ -19,11 +19,11 @@ from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tracking import Chain, Track, refined
 from polymap_ros.solvers.evidence.tuning import DIFFERENT, SEARCH_ORDER
-from polymap_ros.solvers.evidence.windows import BLUR, BY_POWER, FOOT_LIMITS, SETTLED, STEPS
+from polymap_ros.solvers.evidence.windows import BLUR, BY_POWER, FOOT_LIMITS, NOT_IN_PHASE, SETTLED, STEPS
 
 _RING_SIZES = 16, 12
-"""Pings of a window. Of three L at the level `typical` (even seeds) power explains 8 of 18 windows of 16 pings, 13 of
-27 of 12, and 5 of 12 of 24."""
+"""Pings of a window; the second where power explains one of the first. Of three L at the level `typical` (even seeds)
+power explains 8 of 18 windows of 16 pings, 13 of 27 of 12, and 5 of 12 of 24."""
 
 _BEGUN, _RING_ROUNDS, _CHANGES_OF_ONE = 2, 4, 2
 """Rings that a window is begun with, rounds of changes and of moving its poses, and changes of a round."""
@@ -34,13 +34,21 @@ _RING_HOPELESS = 0.45
 
 def ring_windows(search: Search, chain: Chain) -> Iterator[Track]:
     """Give what windows of the pings lead to, in phase, in the order in which they are tried."""
-    count = len(chain.poses)
+    count, out_of_phase, explained = len(chain.poses), 0, False
     for size in _RING_SIZES:
         for first in range(0, count - size + 1, size // 2):
-            track = _by_power(search, chain, np.arange(first, first + size))
-            track = track and locked(search, chain, track, SETTLED)
+            rough = _by_power(search, chain, np.arange(first, first + size))
+            if rough is None:
+                continue
+            explained, track = True, locked(search, chain, rough, SETTLED)
             if track is not None and track.found.explained > SETTLED - track.search.uncertainty:
                 yield track
+                continue
+            out_of_phase += 1
+            if out_of_phase == NOT_IN_PHASE:
+                return
+        if not explained:
+            return
 
 
 def _by_power(search: Search, chain: Chain, pings: NDArray[np.int64]) -> Track | None:

@@ -38,7 +38,7 @@ FOOT_LIMITS = -2.0, 8.0
 """Nats that one ping of a few may bring for or against a wall. Without, one strong echo holds all tangents of its
 circle above the walls that several pings hear, and where the odometry is off a wall is missed by some."""
 
-_NOT_IN_PHASE = 4
+NOT_IN_PHASE = 4
 """Windows that are explained by power and not in phase after which no other is asked: it is not the odometry then. Of
 54 plates at the level `bad` (even seeds) none has more than one. The same number counts for `_BLUNT`."""
 
@@ -64,7 +64,7 @@ def windows(search: Search, chain: Chain) -> Iterator[Track]:
             roughly.append(share)
             blunt += best is None and share > _BLUNT
             out_of_phase += best is not None and found is None
-            if _NOT_IN_PHASE in (out_of_phase, blunt):
+            if NOT_IN_PHASE in (out_of_phase, blunt):
                 return
         if size >= count or max(roughly) < HOPELESS - search.uncertainty:
             return
