@@ -1,6 +1,6 @@
 """Odometry that drifts: walls and poses from nothing but the echoes and what wheels tell of the way."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 
 import numpy as np
@@ -144,9 +144,7 @@ def begun(search: Search, chain: Chain, found: Found | None, rings: bool = False
         track = refined(search, chain, found, np.arange(len(chain.poses)), chain.poses)
         track = None if track is None else mended(search, chain, track, (), 0.0)
     else:
-        track = _from_all(search, chain, found) or tracked(search, chain, windows(search, chain))
-        if rings and track is None:
-            track = tracked(search, chain, ring_windows(search, chain))
+        track = _from_all(search, chain, found) or tracked(search, chain, _all_windows(search, chain, rings))
     if track is None:
         return None
     track = rejoined(search, chain, sifted(search, chain, track))
@@ -154,6 +152,12 @@ def begun(search: Search, chain: Chain, found: Found | None, rings: bool = False
     if as_found.noise != chain.noise:
         track = refined(search, as_found, track.found, track.pings, track.poses) or track
     return anchored(track, chain)
+
+
+def _all_windows(search: Search, chain: Chain, rings: bool) -> Iterator[Track]:
+    """Give what windows lead to, and where it may be so, those between outlines that need not be convex."""
+    if (yield from windows(search, chain)) and rings:
+        yield from ring_windows(search, chain)
 
 
 def _from_all(search: Search, chain: Chain, found: Found | None) -> Track | None:

@@ -1,7 +1,7 @@
 """The first walls under odometry that drifts: from a short window of pings, in which it errs by little."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Generator
 from itertools import islice
 
 import numpy as np
@@ -46,28 +46,40 @@ _BLUNT = 0.7
 """Share that blurred power explains in a window whose walls power itself does not: of 15 plates at the level `bad`
 (even seeds) one has four such windows, by the 26th; where the thickness is 20 % off, nearly all are such."""
 
+_MOST_ARE = 3
+"""Windows tried, over `NOT_IN_PHASE`, up to which as many that are not in phase say that the walls are convex: where the
+thickness is 20 % off they are the first four or five, in an L (even seed) four of 27."""
+
 HOPELESS, BY_POWER, SETTLED = 0.35, 0.75, 0.9
 """Shares of the echoes' power that the walls of a window explain: by power, blurred at first, to be looked at in phase,
 and then."""
 
 
-def windows(search: Search, chain: Chain) -> Iterator[Track]:
-    """Give what windows of the pings lead to, in phase, in the order in which they are tried."""
-    count, out_of_phase, blunt = len(chain.poses), 0, 0
+def windows(search: Search, chain: Chain) -> Generator[Track, None, bool]:
+    """Give what windows of the pings lead to, in phase, in the order in which they are tried.
+
+    Returns whether it may be odometry that drifts between other walls: none has closed, nor do convex walls explain
+    many by power.
+    """
+    count, closed = len(chain.poses), False
+    tried = out_of_phase = blunt = 0
     for size in _SIZES:
         roughly = []
         for first in range(0, max(count - size, 0) + 1, size // 2):
             best, share = _explained(search, chain, np.arange(first, min(first + size, count)))
             found = in_phase(search, chain, best) if best and search.coherent else best
             if found is not None:
+                closed = True
                 yield found
             roughly.append(share)
             blunt += best is None and share > _BLUNT
             out_of_phase += best is not None and found is None
+            tried += 1
             if NOT_IN_PHASE in (out_of_phase, blunt):
-                return
+                return not closed and tried > _MOST_ARE * NOT_IN_PHASE
         if size >= count or max(roughly) < HOPELESS - search.uncertainty:
-            return
+            break
+    return not closed
 
 
 def _explained(search: Search, chain: Chain, pings: NDArray[np.int64]) -> tuple[Track | None, float]:
