@@ -47,8 +47,8 @@ _BLUNT = 0.7
 (even seeds) one has four such windows, by the 26th; where the thickness is 20 % off, nearly all are such."""
 
 _MOST_ARE = 3
-"""Windows tried, over `NOT_IN_PHASE`, up to which as many that are not in phase say that the walls are convex: where the
-thickness is 20 % off they are the first four or five, in an L (even seed) four of 27."""
+"""Windows tried, over `NOT_IN_PHASE`, up to which as many that are not in phase say that the walls are convex: where
+the thickness is 20 % off they are the first four or five, in an L (even seed) four of 27."""
 
 HOPELESS, BY_POWER, SETTLED = 0.35, 0.75, 0.9
 """Shares of the echoes' power that the walls of a window explain: by power, blurred at first, to be looked at in phase,
