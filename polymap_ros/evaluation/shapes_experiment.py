@@ -4,10 +4,11 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from polymap_ros.evaluation.slam_experiment import aligning
+from polymap_ros.evaluation.slam_experiment import aligning, with_faults
 from polymap_ros.evaluation.tables import interval, markdown, percent, unique
 from polymap_ros.evaluation.trials import TOLERANCE_M, KindTrial, filled_mapper, inside_judged, judged, ready
 from polymap_ros.evaluation.variants import mild
@@ -20,7 +21,7 @@ from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shap
 WORLDS: dict[str, Callable[[Scene], Scene]] = {
     'clean': lambda scene: scene,
     'mild': mild,
-    'typical': lambda scene: dataclasses.replace(scene, faults=dataclasses.replace(scene.faults, drift='typical')),
+    'typical': partial(with_faults, drift='typical'),
 }
 """By name, what else the world is like: as in the variant `mild` of `random`, or with odometry that drifts."""
 
@@ -80,7 +81,8 @@ class ShapesExperiment:
         started = time.process_time()
         estimate = mapper.solve()
         seconds = time.process_time() - started
-        estimate = estimate.moved(aligning(estimate, scene).motion)
+        if scene.faults.drift != 'none':
+            estimate = estimate.moved(aligning(estimate, scene).motion)
         trial = judged(estimate, scene, self.parameters.solver.method, seconds)
         polygon = estimate.polygon
         right = polygon is not None and compare(polygon.vertices, scene.vertices, TOLERANCE_M).right

@@ -31,12 +31,13 @@ class DriftCase(Variant):
     parameters: tuple[tuple[str, object], ...] = ()
 
 
-def _with(make: Callable[[int, int], Scene], **faults: object) -> Callable[[int, int], Scene]:
-    def scene(seed: int, edges: int) -> Scene:
-        made = make(seed, edges)
-        return dataclasses.replace(made, faults=dataclasses.replace(made.faults, **faults))  # type: ignore[arg-type]
+def with_faults(scene: Scene, **faults: object) -> Scene:
+    """Return a scene with these faults besides its own."""
+    return dataclasses.replace(scene, faults=dataclasses.replace(scene.faults, **faults))  # type: ignore[arg-type]
 
-    return scene
+
+def _with(make: Callable[[int, int], Scene], **faults: object) -> Callable[[int, int], Scene]:
+    return lambda seed, edges: with_faults(make(seed, edges), **faults)
 
 
 def _off_axis(seed: int, edges: int) -> Scene:

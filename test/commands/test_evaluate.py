@@ -158,6 +158,8 @@ def test_the_wave_equation_with_inner_walls_is_refused_before_the_work(tmp_path,
     assert 'not of round holes, which round_hole, two_round_holes have' in capsys.readouterr().err
     assert main(['shapes', '--variant', 'l', '--echoes', 'waves', '--world', 'mild', '--output', str(tmp_path)]) == 2
     assert 'of --world mild echoes are images' in capsys.readouterr().err
+    assert main(['shapes', '--world', 'mild', '--output', str(tmp_path / 'mild')]) == 2
+    assert 'round_hole, two_round_holes have something' in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(SystemExit):
         main(['shapes', '--echoes', 'ideal', '--output', 'x'])

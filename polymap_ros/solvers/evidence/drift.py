@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from polymap_ros.errors import StateError
 from polymap_ros.geometry.pose import FARTHEST_M
 from polymap_ros.solvers.evidence.imaged import imaged_track
-from polymap_ros.solvers.evidence.odometry import SLIP
+from polymap_ros.solvers.evidence.odometry import NOISIER, SLIP
 from polymap_ros.solvers.evidence.rejoining import behind, rejoined
 from polymap_ros.solvers.evidence.ring_windows import ring_windows
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -35,10 +35,6 @@ _LOOKED_FOR, _PLACED = 6, 3
 _SLIPS_AT_MOST, _SLIPS_SO_FAR = 0.03, 0.1
 """Shares of the steps that may be slips, beside one: a mirror image of the walls takes every turn for one. A ping that
 was taken for elsewhere makes two, until it is looked for again."""
-
-_NOISIER = 25.0
-"""How much larger than assumed the odometry's covariance may be, by which slips are told: the random walks of the
-level `bad` are four times, and a mirror image makes of a turn of 20 deg an error of some thousands."""
 
 _LEAST = 3
 """Pings with a pose from which others are placed."""
@@ -228,5 +224,5 @@ def _slips(track: Track, chain: Chain) -> int:
 
 
 def _is_slip(track: Track, chain: Chain) -> NDArray[np.bool_]:
-    odometry = chain.between(track.pings).loosened(track.poses, _NOISIER)
+    odometry = chain.between(track.pings).loosened(track.poses, NOISIER)
     return np.asarray(odometry.squares(track.poses) > SLIP)

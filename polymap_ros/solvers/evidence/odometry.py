@@ -53,6 +53,11 @@ SLIP = 50.0
 levels that are twice what is assumed one in 10^3."""
 
 
+NOISIER = 25.0
+"""How much larger than assumed the odometry's covariance may be, by which slips are told: the random walks of the
+level `bad` are four times, and a mirror image makes of a turn of 20 deg an error of some thousands."""
+
+
 @dataclass(frozen=True)
 class OdometryNoise:
     """Assumed errors: `distance` [m per sqrt m], `heading` [rad per sqrt m], and `turn`, a share of every turn.

@@ -11,7 +11,7 @@ from polymap_ros.geometry.poses import between, onward
 from polymap_ros.solvers.estimate import Trajectory
 from polymap_ros.solvers.evidence import wording
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
-from polymap_ros.solvers.evidence.odometry import SLIP
+from polymap_ros.solvers.evidence.odometry import NOISIER, SLIP
 from polymap_ros.solvers.evidence.power import Power, PowerLikelihood
 from polymap_ros.solvers.evidence.tracking import Chain, Track
 from polymap_ros.solvers.evidence.trajectory import Joint, JointLikelihood, World
@@ -25,9 +25,6 @@ _TOLD_M, _TOLD_RAD = 5e-5, np.deg2rad(0.05)
 _SCALE_DEVIATIONS, _SCALE_LEAST = 3.5, 0.01
 """Deviations by which the lengths of ways have to differ from those by the echoes to be told, and the share: wheels are
 seldom known better, and polygons by the wrong one of steel and aluminium are 2.7 % off."""
-
-_LOOSENED = 25.0
-"""How much larger than assumed the odometry's covariance may be: of errors that vary, which are not a scale's."""
 
 
 class Known(NamedTuple):
@@ -78,8 +75,8 @@ def path_cautions(path: Trajectory, chain: Chain) -> list[Caution]:
     away = path.poses[-1, :2] - path.reported[-1, :2]
     away_m, turned_rad = float(np.hypot(*away)), float(wrapped(off.yaw))
     drifts = away_m > _TOLD_M or abs(turned_rad) > _TOLD_RAD
-    odometry = chain.between(np.arange(len(chain.poses))).loosened(path.poses, _LOOSENED)
-    scale, deviation = odometry.scale(path.poses)
+    placed = np.flatnonzero(~path.lost)  # those that are lost are where the odometry says
+    scale, deviation = chain.between(placed).loosened(path.poses[placed], NOISIER).scale(path.poses[placed])
     differs = abs(scale - 1.0) > max(_SCALE_LEAST, _SCALE_DEVIATIONS * deviation)
     return [*([wording.odometry_drift(away_m, turned_rad, way_m)] if drifts else []),
             *([wording.odometry_scale(scale, deviation)] if differs else []), *steps_and_losses(path, chain)]

@@ -1,7 +1,7 @@
 """The pulse that echoes have in truth, found with the walls, from the signal after eq. (3).
 
 Where a transducer rings, no polygon explains the echoes by the nominal pulse: they are later than its own by a range
-that is common to all walls, and of another shape. The pulse that fits given walls (`fitted_pulse`) is tried for shifts
+that is common to all walls, and of another shape. The pulse that fits given walls (`tap_fit`) is tried for shifts
 of all walls, and for each law by which walls may turn the phase: echoes of higher orders, which a shift moves by
 multiples, tell which is right. From the best of these everything is fitted together.
 """
@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polymap_ros.solvers.evidence.fitted_pulse import NO_BETTER, Guess, PulseFit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, minimum_phase_pulse
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
 from polymap_ros.solvers.evidence.search import Found, Search
-from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER, RING_WORTH, SEARCH_ORDER
+from polymap_ros.solvers.evidence.tap_fit import NO_BETTER, Guess, PulseFit
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, BY_POWER, EXPLAINED, FULL_ORDER, RING_WORTH, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
@@ -39,11 +39,7 @@ which echoes are too weak to tell it."""
 
 _CONVEX_FITS = 0.6
 """Score of the best guess of convex walls below which outlines that are not convex are tried first: of 36 plates (even
-seeds) it is less for four, and 0.42 and 0.36 of an L and a T."""
-
-_BY_POWER = 0.75
-"""Share of the echoes' power that an outline which is not convex explains by the pulse of minimum phase, to be fitted:
-of four L and T (even seeds) it is 0.93 to 1, and 0.57 to 0.62 of three outlines of a T that are wrong."""
+seeds) it is less for three, and 0.42 and 0.36 of an L and a T."""
 
 _ROUNDS_OF_WALLS = 4
 """How often walls are settled by a pulse and it is fitted to them again, at most."""
@@ -104,7 +100,7 @@ def _ring_guesses(search: Search, ringing: Search, fit: PulseFit, convex: Sequen
         ringing.checkpoint()
         ring = improved_ring(ringing, start, pool)
         judged = ringing.judged(ring, None)
-        explains = judged is not None and judged.explained > _BY_POWER - ringing.uncertainty
+        explains = judged is not None and judged.explained > BY_POWER - ringing.uncertainty
         if explains and ring.value - nothing.value > RING_WORTH * (known - nothing.value):
             yield _climbed(search, fit, pulse_guesses(search, fit, ring.walls))
 
@@ -129,7 +125,7 @@ def _told_by(search: Search, fit: PulseFit, guess: Guess | None, enough: float) 
         best = Adapted(pulse, other, settled) if better else best
         # Where walls were wrong, so may the law have been that they told.
         before, guesses = guess.score, pulse_guesses(search, fit, settled.walls)
-        hopeful = guesses if settled.explained < enough else [max(guesses, key=lambda each: each.score)]
+        hopeful = guesses if settled.explained < enough else sorted(guesses, key=lambda each: each.score)[-1:]
         guess = _climbed(search, fit, hopeful)
         if guess is not None and guess.score < before + NO_BETTER:
             break

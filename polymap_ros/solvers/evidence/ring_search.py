@@ -7,6 +7,7 @@ says which of the best are worth refining. New candidate lines come from what a 
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.jit import IS_COMPILED
 from polymap_ros.solvers.evidence.closed_walks import COSTS, closed_walks
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.oriented_lines import aligned_lines, main_direction, oriented_lines
@@ -18,6 +19,9 @@ from polymap_ros.solvers.evidence.rings import ring_evidence, ring_feet
 from polymap_ros.solvers.evidence.square_walls import squared
 from polymap_ros.solvers.evidence.tuning import ANOTHER_POLYGON, DIFFERENT, PRICE, SEARCH_ORDER, WEAK_ECHOES
 from polymap_ros.solvers.evidence.walls import Walls
+
+_RINGS_FROM = 20
+"""Pings from which outlines that are not convex are looked for: an L of six walls, each heard by three or more."""
 
 _RESIDUAL = 20
 """Candidate lines of each ranking of what a ring leaves."""
@@ -53,6 +57,14 @@ _RING_CHANGES, _FIRST_CHANGES = 12, 2
 """Changes in a row, at most, and those of the best ring to start from where echoes are weak: first echoes tell few of
 the walls then. At -10 dB it is worth 0.66 to 2.3 times what a convex outline is without (seven L and T, even seeds),
 and 1.4 times or more with them; under drift (six plates) 1.1 times at most, or it explains a third at most."""
+
+
+def may_tell_rings(ground: Ground, outline: str) -> bool:
+    """Return whether outlines that are not convex are asked for (`solver.outline`) and can be found.
+
+    Few pings do not tell one, nor does power alone; without compiled kernels the search would take hours.
+    """
+    return outline == 'auto' and ground.coherent and IS_COMPILED and len(ground.data.positions) >= _RINGS_FROM
 
 
 def ring_starts(ground: Ground) -> tuple[list[Power], NDArray[np.float64]]:

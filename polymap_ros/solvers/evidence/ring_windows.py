@@ -11,15 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.solvers.evidence.odometry import Increments
 from polymap_ros.solvers.evidence.phase_lock import locked
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.square_walls import free
 from polymap_ros.solvers.evidence.tracking import Chain, Track, refined
-from polymap_ros.solvers.evidence.tuning import DIFFERENT, SEARCH_ORDER
-from polymap_ros.solvers.evidence.windows import BLUR, BY_POWER, FOOT_LIMITS, NOT_IN_PHASE, SETTLED, STEPS
+from polymap_ros.solvers.evidence.tuning import BY_POWER, DIFFERENT, SEARCH_ORDER
+from polymap_ros.solvers.evidence.windows import BLUR, FOOT_LIMITS, NOT_IN_PHASE, SETTLED, STEPS, if_settled
 
 _RING_SIZES = 16, 12
 """Pings of a window; the second where power explains one of the first. Of three L at the level `typical` (even seeds)
@@ -40,8 +39,8 @@ def ring_windows(search: Search, chain: Chain) -> Iterator[Track]:
             rough = _by_power(search, chain, np.arange(first, first + size))
             if rough is None:
                 continue
-            explained, track = True, locked(search, chain, rough, SETTLED)
-            if track is not None and track.found.explained > SETTLED - track.search.uncertainty:
+            explained, track = True, if_settled(locked(search, chain, rough, SETTLED))
+            if track is not None:
                 yield track
                 continue
             out_of_phase += 1
@@ -60,7 +59,7 @@ def _by_power(search: Search, chain: Chain, pings: NDArray[np.int64]) -> Track |
     for start in starts[:_BEGUN]:
         track: Track | None = None
         for over, least in ((blurred, _RING_HOPELESS), (sharp, BY_POWER)):
-            track = _changed(over, chain.between(pings), chain, pings, pool, start, poses, track)
+            track = _changed(over, chain, pings, pool, start, poses, track)
             if track is None or track.found.explained < least:
                 track = None
                 break
@@ -70,11 +69,11 @@ def _by_power(search: Search, chain: Chain, pings: NDArray[np.int64]) -> Track |
 
 
 def _changed(
-    over: Search, odometry: Increments, chain: Chain, pings: NDArray[np.int64], pool: NDArray[np.float64],
-    start: Power, poses: NDArray[np.float64], last: Track | None,
+    over: Search, chain: Chain, pings: NDArray[np.int64], pool: NDArray[np.float64], start: Power,
+    poses: NDArray[np.float64], last: Track | None,
 ) -> Track | None:
     """Return ring and poses after rounds of changes of both, from a start or from the last ones."""
-    best, value = last, -np.inf
+    odometry, best, value = chain.between(pings), last, -np.inf
     for _ in range(_RING_ROUNDS):
         over.checkpoint()
         power, here = (start, poses) if best is None else (best.found.power, best.poses)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from polymap_ros.cautions import Caution
 from polymap_ros.geometry.storey import Storey
-from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.estimate import Estimate
@@ -26,6 +25,7 @@ from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
+from polymap_ros.solvers.evidence.ring_search import may_tell_rings
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
 from polymap_ros.solvers.evidence.spacing import too_far_apart
@@ -65,9 +65,6 @@ of a second mode or of a seam are fitted by up to 0.02 more."""
 
 _BY_CHANCE = 2.0
 """Nats per ping that moving it may bring although it is where it was reported: twice the mean of two coordinates'."""
-
-_RINGS_FROM = 20
-"""Pings from which outlines that are not convex are looked for: an L of six walls, each heard by three or more."""
 
 _BETTER = 0.15
 """Share of the echoes' power that an outline which is not convex has to explain beyond a convex one, where neither
@@ -228,12 +225,8 @@ class EvidenceSolver:
         return found
 
     def _beyond_convex(self, search: Search) -> bool:
-        """Whether outlines that are not convex, or have something inside, are asked for and can be found.
-
-        Few pings do not tell one, nor does power alone; without compiled kernels the search would take hours.
-        """
-        asked_for = self._parameters.solver.outline == 'auto'
-        return asked_for and search.coherent and IS_COMPILED and len(search.data.positions) >= _RINGS_FROM
+        """Whether outlines that are not convex, or have something inside, are asked for and can be found."""
+        return may_tell_rings(search, self._parameters.solver.outline)
 
     def _adapted(self, nominal: Search) -> Adapted | None:
         """What is found by another pulse, where the echoes' spectrum is not that of the one that was given.

@@ -187,7 +187,7 @@ def followed(search: Search, chain: Chain, window: Track, until: int | None = No
         until = len(chain.poses) if until is None else until
         end = track.pings[0] if backwards else track.pings[-1]
         ahead = np.arange(end - 1, -1, -1) if backwards else np.arange(end + 1, until)
-        prior, localiser, astray = None, _localiser(search, track), 0
+        prior, localiser, astray = None, localiser_of(search, track), 0
         for ping in ahead:
             search.checkpoint()
             placed, prior = _placed_next(track, chain, localiser, int(ping), prior, backwards)
@@ -201,7 +201,7 @@ def followed(search: Search, chain: Chain, window: Track, until: int | None = No
             fresh += 1
             if fresh >= _REFINED_EVERY:
                 track, fresh, prior = improved_track(search, chain, track), 0, None
-                localiser = _localiser(search, track)
+                localiser = localiser_of(search, track)
             yield track
     if fresh:
         yield improved_track(search, chain, track)
@@ -245,7 +245,7 @@ def mended(
 ) -> Track:
     """Return a track with pings that are not consistent with the others, and some that are lost, looked for anew."""
     bad = track.pings[track.consistency < CONSISTENT]
-    changed, localiser = False, _localiser(search, track)
+    changed, localiser = False, localiser_of(search, track)
     away = np.abs(np.subtract.outer(again := np.union1d(bad, lost).astype(np.int64), track.pings)).min(axis=1)
     for ping in again[np.argsort(away, kind='stable')]:  # from the track outwards
         search.checkpoint()
@@ -260,7 +260,8 @@ def sifted(search: Search, chain: Chain, track: Track) -> Track:
     return track if np.all(fits) else improved_track(search, chain, track.of(fits))
 
 
-def _localiser(search: Search, track: Track) -> Localiser:
+def localiser_of(search: Search, track: Track) -> Localiser:
+    """Return what places pings of a search between the walls of a track."""
     found = track.found
     power = track.search.power.fitted(found.walls, found.power, FULL_ORDER)
     return Localiser(search.data, found._replace(power=power or found.power), track.level)

@@ -43,6 +43,11 @@ FEW, ENOUGH, SCORED = 3, 20, 12
 POOL = 100
 """Candidate lines of a start: random plates have 20 to 60 that bring anything."""
 
+BY_POWER = 0.75
+"""Share of the echoes' power that walls explain by power, to be looked at in phase: those of a window, or by the pulse
+of minimum phase an outline that is not convex (of four L and T, even seeds, 0.93 to 1, and 0.57 to 0.62 of three wrong
+outlines of a T)."""
+
 RING_EXPLAINED = 0.85
 """Share of the echoes' power that a ring explains, by power, from which the waveform is asked at once: of 17 rings of
 outlines that are not convex those with all their walls explain 0.88 and more, others 0.56 to 0.91 (even seeds)."""

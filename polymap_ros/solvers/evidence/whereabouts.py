@@ -24,9 +24,9 @@ from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import first_strength
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.tracking import Chain, Track, mended, refined
-from polymap_ros.solvers.evidence.tuning import SEARCH_ORDER
+from polymap_ros.solvers.evidence.tuning import BY_POWER, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
-from polymap_ros.solvers.evidence.windows import BLUR, BY_POWER, SETTLED, STEPS
+from polymap_ros.solvers.evidence.windows import BLUR, SETTLED, STEPS
 from polymap_ros.solvers.solver import Expected
 
 FEWEST, LOOKED_AT = 6, 10

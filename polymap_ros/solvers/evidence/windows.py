@@ -16,7 +16,7 @@ from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.proposals import first_strength, strongest_lines
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.tracking import Chain, Track, mended, refined
-from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, POOL, SEARCH_ORDER, WEAK_ECHOES
+from polymap_ros.solvers.evidence.tuning import BY_POWER, DIFFERENT, FULL_ORDER, POOL, SEARCH_ORDER, WEAK_ECHOES
 
 _SIZES = 12, 8, 24
 """Pings of a window. At the level `bad`, of eight plates with five to eight edges (even seeds), three windows of ten
@@ -50,9 +50,8 @@ _MOST_ARE = 3
 """Windows tried, over `NOT_IN_PHASE`, up to which as many that are not in phase say that the walls are convex: where
 the thickness is 20 % off they are the first four or five, in an L (even seed) four of 27."""
 
-HOPELESS, BY_POWER, SETTLED = 0.35, 0.75, 0.9
-"""Shares of the echoes' power that the walls of a window explain: by power, blurred at first, to be looked at in phase,
-and then."""
+HOPELESS, SETTLED = 0.35, 0.9
+"""Shares of the echoes' power that the walls of a window explain: by power, blurred at first, and in phase."""
 
 
 def windows(search: Search, chain: Chain) -> Generator[Track, None, bool]:
@@ -173,16 +172,20 @@ def in_phase(search: Search, chain: Chain, track: Track, widest_m: float = 0.0) 
     """
     track = _by_all_orders(search, chain, track)
     settled = track.search.settle(track.found.power)
-    found = settled if settled is None or settled.wave is not None else track.search.judge(settled.power)
+    if settled is None:
+        return None
+    found = settled if settled.wave is not None else track.search.judge(settled.power)
     better = None if found is None else refined(search, chain, found, track.pings, track.poses)
     if better is not None and better.found.explained < SETTLED:  # power may leave a pose a cycle off
         better = imaged_track(search, chain, mended(search, chain, better, track.pings, widest_m), SETTLED)
-    enough = SETTLED - track.search.uncertainty
-    if better is None or better.found.wave is None or better.found.explained < enough:
-        better = locked(search, chain, track, SETTLED)
-    if better is None or better.found.wave is None or better.found.explained < enough:
+    return if_settled(better) or if_settled(locked(search, chain, track, SETTLED))
+
+
+def if_settled(track: Track | None) -> Track | None:
+    """Return a track whose walls explain its echoes in phase; None where they do not."""
+    if track is None or track.found.wave is None or track.found.explained < SETTLED - track.search.uncertainty:
         return None
-    return better
+    return track
 
 
 def _by_all_orders(search: Search, chain: Chain, track: Track) -> Track:

@@ -7,7 +7,10 @@ from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.poses import between, onward
 from polymap_ros.hearing.odometer import odometer_sums
 from polymap_ros.simulation.odometry import Drift, reported
+from polymap_ros.solvers.estimate import Trajectory
 from polymap_ros.solvers.evidence.odometry import FLOOR_M, FLOOR_RAD, SLIP, Increments, OdometryNoise
+from polymap_ros.solvers.evidence.path import path_cautions
+from polymap_ros.solvers.evidence.tracking import Chain
 
 NOISE = OdometryNoise(0.015, np.deg2rad(1.5), 0.05)
 
@@ -115,14 +118,32 @@ def test_far_from_the_start_a_covariance_stays_one():
     assert np.all(np.linalg.eigvalsh(chain(poses).covariance) > 0.0)
 
 
+def winding():
+    """Poses of 60 pings over 8 m with turns."""
+    headings = np.cumsum(np.deg2rad(20.0 * np.sin(np.arange(60))))
+    steps = 0.14 * np.column_stack((np.cos(headings), np.sin(headings)))
+    return np.column_stack((np.cumsum(steps, axis=0), headings))
+
+
+@pytest.mark.parametrize(('scale', 'told'), [(1.0, None), (1.03, 'too small'), (0.97, 'too large')])
+def test_ways_that_are_longer_or_shorter_by_the_odometry_are_told(scale, told):
+    """Half of the pings are lost, and where the odometry says: they tell nothing of it."""
+    true = winding()
+    said = reported(true, Drift(0.005, 0.5, 0.02), np.random.default_rng(3))
+    said[:, :2] = true[0, :2] + scale * (said[:, :2] - said[0, :2])
+    lost = np.arange(60) >= 30
+    found = np.where(lost[:, None], onward(true[29:30], between(said[29:30], said)), true)
+    odometry = Chain(said, said, odometer_sums(said), NOISE, tuple(range(60)))
+    path = Trajectory(odometry.stamps_ns, found, said, np.zeros((60, 3, 3)), np.where(lost, 0.0, 1.0))
+    codes = {each.code: each.finding for each in path_cautions(path, odometry)}
+    assert ('odometry_scale' in codes) == (told is not None)
+    assert told is None or told in codes['odometry_scale']
+
+
 @pytest.mark.parametrize('scale', [1.0, 1.027])
 def test_the_scale_is_told_with_its_deviation(scale):
     """Of 200 drives of the simulator's wheels over 8 m, with steps that are longer than they are."""
-    generator, drift = np.random.default_rng(5), Drift(0.015, 1.5, 0.05)
-    turns = np.deg2rad(20.0 * np.sin(np.arange(60)))
-    headings = np.cumsum(turns)
-    steps = 0.14 * np.column_stack((np.cos(headings), np.sin(headings)))
-    true = np.column_stack((np.cumsum(steps, axis=0), headings))
+    generator, drift, true = np.random.default_rng(5), Drift(0.015, 1.5, 0.05), winding()
     found = []
     for _ in range(200):
         told = reported(true, drift, generator)

@@ -15,10 +15,10 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
 from polymap_ros.solvers.evidence.edge_phase import REAL
-from polymap_ros.solvers.evidence.fitted_pulse import moves_of
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.search import Search, search_of
 from polymap_ros.solvers.evidence.solver import EvidenceSolver
+from polymap_ros.solvers.evidence.tap_fit import moves_of
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
 

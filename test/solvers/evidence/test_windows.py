@@ -14,9 +14,10 @@ from polymap_ros.geometry.poses import between
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
+from polymap_ros.solvers.evidence.phase_lock import locked
 from polymap_ros.solvers.evidence.search import search_of
-from polymap_ros.solvers.evidence.tracking import Chain, refined
-from polymap_ros.solvers.evidence.windows import windows
+from polymap_ros.solvers.evidence.tracking import Chain, judged_track, refined
+from polymap_ros.solvers.evidence.windows import SETTLED, if_settled, windows
 
 
 @pytest.fixture(scope='module')
@@ -43,6 +44,26 @@ def test_a_window_is_solved_to_the_millimetre_wherever_the_odometry_began(scene)
         motion = alignment(track.poses[:, :2], true[:, :2])
         assert np.max(np.abs(motion.apply(track.poses[:, :2]) - true[:, :2])) < 1e-3
         assert compare(motion.apply(corners_of(track.found.lines)[1]), scene.vertices).right
+
+
+def test_pings_are_locked_in_phase_from_where_power_leaves_them(scene):
+    """8 mm off, most of a cycle, between walls that are 1 mm off: a climb of all together does not come back."""
+    search, chain, track = first_window(scene, (0.0, 0.0))
+    climbed = []
+    for seed in range(1, 4):
+        generator, poses, lines = np.random.default_rng(seed), track.poses.copy(), track.found.walls.lines.copy()
+        poses[:, :2] += generator.normal(0.0, 8e-3, (len(poses), 2))
+        lines[:, 0] += generator.normal(0.0, 1e-3, len(lines))
+        walls = dataclasses.replace(track.found.walls, lines=lines)
+        together = track.found._replace(wave=track.found.wave.with_walls(walls))
+        climbed.append(if_settled(refined(search, chain, together, track.pings, poses)))
+        unsigned = dataclasses.replace(walls, reflection=np.ones(len(lines)))
+        by_power = track.found._replace(power=track.found.power.with_walls(unsigned), wave=None)
+        found = if_settled(locked(search, chain, judged_track(search, by_power, track.pings, poses), SETTLED))
+        true = scene.poses[found.pings]
+        motion = alignment(found.poses[:, :2], true[:, :2])
+        assert np.max(np.abs(motion.apply(found.poses[:, :2]) - true[:, :2])) < 1e-3
+    assert None in climbed
 
 
 @pytest.mark.parametrize('pose', [0, 5, -1])
