@@ -165,8 +165,8 @@ def _shapes(arguments: argparse.Namespace) -> int:
     if world != 'clean' and echoes != 'images':
         raise UsageError(f'--echoes {echoes}: of --world {world} echoes are images; leave one of the two out')
     if world == 'mild' and (filled := [kind for kind in kinds if SHAPE_KINDS[kind].inside]):
-        raise UsageError(f'--world mild: edges turn the phase where nothing is inside; {", ".join(filled)} have something'
-                         '; name another --variant')
+        raise UsageError(f'--world mild: edges turn the phase where nothing is inside; {", ".join(filled)} have '
+                         'something; name another --variant')
     experiment = ShapesExperiment(kinds, seeds, _one(arguments.snr_db), parameters, echoes, world)
     done = _run(experiment.run_one, experiment.scenes(), arguments, 'scenes', lambda trials: trials)
     trials = sorted((trial for group in done for trial in group), key=lambda entry: (
