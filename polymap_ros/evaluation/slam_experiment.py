@@ -52,6 +52,7 @@ CASES = {
     'none': DriftCase('exact odometry', random_scene),
     'mild': DriftCase('mild', _with(random_scene, drift='mild')),
     'typical': DriftCase('typical', _with(random_scene, drift='typical')),
+    'mild_echoes': DriftCase('typical, with ' + VARIANTS['mild'].text, _with(VARIANTS['mild'].make, drift='typical')),
     'bad': DriftCase('bad', _with(random_scene, drift='bad')),
     'wheels': DriftCase('two wheels, each erring by itself', _with(random_scene, drift='wheels')),
     'slip': DriftCase('mild, a slip of 5 cm and 5 deg', _with(random_scene, drift='mild', slip_m=0.05, slip_deg=5.0)),

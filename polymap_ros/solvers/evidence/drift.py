@@ -1,6 +1,7 @@
 """Odometry that drifts: walls and poses from nothing but the echoes and what wheels tell of the way."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain as chained
 from types import MappingProxyType
 
 import numpy as np
@@ -131,16 +132,20 @@ class Follower:
         self._poses = dict(zip(stamps, track.poses, strict=True))
 
 
-def begun(search: Search, chain: Chain, found: Found | None, rings: bool = False) -> Track | None:
+def begun(
+    search: Search, chain: Chain, found: Found | None, rings: bool = False, first: Sequence[Track] = ()
+) -> Track | None:
     """Return walls and poses, given what was found from the reported ones; None where no window of the pings closes.
 
-    `rings` says whether outlines that need not be convex are looked for, where no convex one closes.
+    `rings` says whether outlines that need not be convex are looked for, where no convex one closes; `first` holds
+    windows that are known.
     """
     if found is not None and found.wave is not None and found.explained > _IN_PHASE_ALL_ALONG:
         track = refined(search, chain, found, np.arange(len(chain.poses)), chain.poses)
         track = None if track is None else mended(search, chain, track, (), 0.0)
     else:
-        track = _from_all(search, chain, found) or tracked(search, chain, _all_windows(search, chain, rings))
+        track = _from_all(search, chain, found) or tracked(
+            search, chain, chained(first, _all_windows(search, chain, rings)))
     if track is None:
         return None
     track = rejoined(search, chain, sifted(search, chain, track))

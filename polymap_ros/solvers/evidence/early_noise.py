@@ -37,11 +37,16 @@ def early_noise(
         Step of the cells, and the pulse's width, which is one independent cell [m].
     """
     cells_per_width = width_m / cell_m
-    last = (np.nan_to_num(first_m) / cell_m - _BEFORE_WIDTHS * cells_per_width).astype(np.int64)
-    early = np.concatenate([row[first_cell:max(end, first_cell)] for row, end in zip(power, last, strict=True)])
+    last = np.maximum(before_echoes(first_m, cell_m, width_m), first_cell)
+    early = np.concatenate([row[first_cell:end] for row, end in zip(power, last, strict=True)])
     if len(early) == 0:
         return 1.0
     level = float(np.quantile(early, _QUANTILE)) / -np.log(1.0 - _QUANTILE)
     # Of an exponential's quantile, over its mean.
     deviation = np.sqrt(_QUANTILE / (1.0 - _QUANTILE) * cells_per_width / len(early)) / -np.log(1.0 - _QUANTILE)
     return level if abs(level - 1.0) > _OTHER + _DEVIATIONS * level * deviation else 1.0
+
+
+def before_echoes(first_m: NDArray[np.float64], step_m: float, width_m: float) -> NDArray[np.int64]:
+    """Return how many steps of range are before each ping's first echo, and its rise (N,)."""
+    return np.asarray((np.nan_to_num(first_m) - _BEFORE_WIDTHS * width_m) / step_m).astype(np.int64)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
@@ -22,27 +21,6 @@ from polymap_ros.solvers.evidence.search import Search
 
 AFTER_CYCLES = 15.0
 """Cycles of range from the nominal pulse to the last of the taps: a transducer of Q 10 rings for 13."""
-
-_IN_BAND = 0.1
-"""Share of the nominal pulse's strength from which a frequency is in its band."""
-
-_SEEN = 1e-3
-"""Share of the greatest strength below which it is noise that is seen."""
-
-_ANOTHER_PULSE = 0.2
-"""Np by which the echoes' spectrum differs from the pulse's from which another one is looked for. It is 0.02 to 0.05 in
-plates, rooms, other media, a second mode and under drift, 0.06 to 0.15 where a metre takes 0.35 Np; with transducers of
-Q 3, 5 and 10 it is 0.43, 0.6 and 0.8 (each five scenes, even seeds)."""
-
-_OF_NOISE = 1.0
-"""Times the uncertainty of the share explained that noise may make of it: plates have 0.11 at -10 dB, where that is
-0.08, and 0.2 at -15 dB, where it is 0.3; transducers of Q 3 have 0.45 to 0.55 at -10 dB."""
-
-_BINS = 16
-"""Parts of the band over which powers are added up, to tell a misfit."""
-
-_PADDED_TIMES = 4
-"""The spectrum's points over the signal's."""
 
 _MOST_STEPS = 100_000
 """Steps that taps of a saved state may span."""
@@ -104,7 +82,7 @@ class HeardPulse:
 
     def _compressed(self, nominal: PulseShape) -> tuple[PulseShape, float]:
         """The compressed true pulse of the noise's power 1, and what that power was before."""
-        psi = np.convolve(np.convolve(_both_sides(nominal), self._whole), np.conj(self._whole[::-1]))
+        psi = np.convolve(np.convolve(both_sides(nominal), self._whole), np.conj(self._whole[::-1]))
         middle = len(psi) // 2
         loud = float(psi[middle].real)
         lags = np.arange(-middle, middle + 1)
@@ -131,64 +109,7 @@ class HeardPulse:
         return cls(taps, int(first), int(apart), int(law))
 
 
-def spectral_misfit(data: EchoData) -> float:
-    """Return by how much the strength of the echoes' spectrum differs from the nominal pulse's over its band [Np].
-
-    The deviation of its logarithm, by the pulse's energy. Neither walls nor poses count for it.
-    """
-    strength, energy = (np.array([part.sum() for part in np.array_split(each, _BINS)]) for each in _strengths(data)[1:])
-    logarithm = _logarithm(strength, energy)
-    mean = energy @ logarithm / energy.sum()
-    return float(np.sqrt(energy @ (logarithm - mean) ** 2 / energy.sum()))
-
-
-def is_of_another_pulse(search: Search) -> bool:
-    """Whether the echoes' spectrum is not that of the nominal pulse, by more than noise makes of it."""
-    return spectral_misfit(search.data) > _ANOTHER_PULSE + _OF_NOISE * search.uncertainty
-
-
-def minimum_phase_pulse(data: EchoData) -> HeardPulse:
-    """Return the filter of minimum phase whose strength over the band is that of the echoes, which needs no walls.
-
-    A resonance is one of minimum phase: its strength over frequency tells its phase, and how late it makes the pulse.
-    """
-    frequency, strength, energy = _strengths(data)
-    logarithm = _logarithm(strength, energy)
-    size = _PADDED_TIMES * data.signal.shape[1]
-    whole = np.interp(np.fft.fftfreq(size), frequency, logarithm - logarithm.mean())
-    cepstrum = np.fft.ifft(whole)
-    longest = min(int(AFTER_CYCLES * np.pi / data.pulse.carrier / data.pulse.step_m), data.signal.shape[1] - 1)
-    cepstrum[1:longest] *= 2.0
-    cepstrum[longest:] = 0.0
-    return HeardPulse(np.fft.ifft(np.exp(np.fft.fft(cepstrum)))[:longest])
-
-
-def _logarithm(strength: NDArray[np.float64], energy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Half the logarithm of the strength over the pulse's energy; 0 where nothing but noise is heard."""
-    if not np.any(strength):
-        return np.zeros(len(energy))
-    return np.asarray(0.5 * np.log(np.maximum(strength, _SEEN * strength.max()) / energy))
-
-
-def _strengths(data: EchoData) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies in the pulse's band, rising [cycles per step], the echoes' power without the noise there, and the
-    nominal pulse's.
-    """
-    size = scipy.fft.next_fast_len(_PADDED_TIMES * data.signal.shape[1])
-    psi, both = np.zeros(size, complex), _both_sides(data.pulse)
-    psi[np.arange(len(both)) - len(both) // 2] = both
-    spectrum = np.maximum(np.fft.fft(psi).real, 0.0)
-    signal = data.signal[:, :int(data.range_max_m / data.pulse.step_m)]  # beyond, echoes are heard in part
-    heard = np.mean(np.abs(scipy.fft.fft(signal, size, axis=1)) ** 2, axis=0).astype(float)
-    listened = np.count_nonzero(signal) / len(signal)
-    power = np.maximum(heard - 2.0 * listened * spectrum, 0.0)
-    frequency = np.asarray(np.fft.fftfreq(size), float)
-    band = np.flatnonzero(spectrum > _IN_BAND * spectrum.max())
-    band = band[np.argsort(frequency[band])]
-    return frequency[band], np.asarray(power[band], float), np.asarray(spectrum[band] ** 2, float)
-
-
-def _both_sides(pulse: PulseShape) -> NDArray[np.complex128]:
-    """psi without its carrier at lags -n ... n."""
+def both_sides(pulse: PulseShape) -> NDArray[np.complex128]:
+    """Return psi without its carrier at lags -n ... n."""
     half = pulse.baseband[2:-2]
     return np.concatenate((np.conj(half[:0:-1]), half))

@@ -161,9 +161,11 @@ def information_of(support: Support) -> NDArray[np.float64]:
 def _whitened(phase: NDArray[np.float64], cross: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return what the phases (m, m) and the rest share (m, k), in directions of the phases that are known by 1 each.
 
-    Where the echoes do not tell phases apart, as where all bounce alike, their information is singular.
+    Where the echoes do not tell phases apart, as where all bounce alike, their information is singular. One that they
+    do not tell at all shares nothing.
     """
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(phase), 1e-300))
+    told = np.maximum(np.diag(phase), 0.0)
+    scale = np.divide(1.0, np.sqrt(told), out=np.zeros(len(told)), where=told > _PHASE_RIDGE * told.max())
     known, directions = np.linalg.eigh(phase * np.outer(scale, scale))
     return np.asarray((directions / np.sqrt(np.maximum(known, 0.0) + _PHASE_RIDGE)).T @ (scale[:, None] * cross))
 

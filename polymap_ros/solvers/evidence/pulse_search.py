@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, minimum_phase_pulse
+from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
@@ -74,8 +75,7 @@ def adapted(search: Search, rings: bool = False) -> Adapted | None:
     if len(search.data.positions) < _TOLD_BY or search.uncertainty > _TOLD_TO:
         return None
     enough, best = ALL_EXPLAINED - search.uncertainty / 3.0, None
-    data = search.data.every(max(len(search.data.positions) // _FITTED_TO, 1))
-    fit = PulseFit(WaveformLikelihood(data))
+    fit = _fit_of(search)
     ringing = search.over(minimum_phase_pulse(search.data).heard(search.data))
     convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
     first = _climbed(search, fit, [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)])
@@ -88,6 +88,23 @@ def adapted(search: Search, rings: bool = False) -> Adapted | None:
         if best is not None and best.found.explained > enough:
             return best
     return None
+
+
+def told_by(search: Search, walls: Walls, least: float = 0.0) -> Adapted | None:
+    """Return the pulse that walls tell which are right but for a common shift, and what they are by it.
+
+    None where the best guess of it has a score below `least`.
+    """
+    fit = _fit_of(search)
+    guess = _climbed(search, fit, pulse_guesses(search, fit, walls))
+    if guess is None or guess.score < least:
+        return None
+    return _told_by(search, fit, guess, ALL_EXPLAINED - search.uncertainty / 3.0)
+
+
+def _fit_of(search: Search) -> PulseFit:
+    data = search.data.every(max(len(search.data.positions) // _FITTED_TO, 1))
+    return PulseFit(WaveformLikelihood(data))
 
 
 def _ring_guesses(search: Search, ringing: Search, fit: PulseFit, convex: Sequence[Power]) -> Iterator[Guess | None]:

@@ -16,7 +16,8 @@ from polymap_ros.solvers.evidence import wording
 from polymap_ros.solvers.evidence.answer import Findings, leaves_much, misheard
 from polymap_ros.solvers.evidence.cut_off import is_cut_off, unheard_corners
 from polymap_ros.solvers.evidence.drift import Follower, begun
-from polymap_ros.solvers.evidence.heard_pulse import HeardPulse, is_of_another_pulse
+from polymap_ros.solvers.evidence.echo_spectrum import is_of_another_pulse
+from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.horizon import up_to_sides
 from polymap_ros.solvers.evidence.imaged import imaged, imaged_track
 from polymap_ros.solvers.evidence.medium_search import FoundMedium, found_medium
@@ -25,6 +26,7 @@ from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
+from polymap_ros.solvers.evidence.pulse_windows import track_by_pulse
 from polymap_ros.solvers.evidence.ring_search import may_tell_rings
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
@@ -183,7 +185,7 @@ class EvidenceSolver:
                 if explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return ringed, ring, None
                 self._unsure_ring = ring
-                tracked = self._tracked(reported, chain, plain, enough)
+                tracked = self._tracked(reported, nominal, chain, plain, enough)
                 if tracked is not None:
                     search, best, track = tracked
                     plain = best
@@ -233,7 +235,7 @@ class EvidenceSolver:
 
         One that was found before is replaced: it may be told by more pings now.
         """
-        if not (self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)):
+        if not self._rings(nominal):
             return None
         own = adapted(nominal, self._beyond_convex(nominal))
         self._pulse = own.pulse if own else self._pulse
@@ -245,6 +247,10 @@ class EvidenceSolver:
         self._waves = found_medium(even, begun, _stamps_ns(evidence))
         self._medium = self._waves.medium if self._waves else self._medium
         return self._waves is not None
+
+    def _rings(self, nominal: Search) -> bool:
+        """Whether the echoes' spectrum is not that of the pulse that was given, and another one may be looked for."""
+        return self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)
 
     @property
     def _may_adapt(self) -> bool:
@@ -278,7 +284,7 @@ class EvidenceSolver:
         return search, best
 
     def _tracked(
-        self, reported: Search, chain: Chain, found: Found | None, enough: float
+        self, reported: Search, nominal: Search, chain: Chain, found: Found | None, enough: float
     ) -> tuple[Search, Found, Track | None] | None:
         """An answer with the poses estimated, too, where that explains more and is needed; None where not."""
         too_few = len(chain.poses) < _TRACKED_FROM or reported.uncertainty > _DROWNED
@@ -286,12 +292,18 @@ class EvidenceSolver:
             return None
         if found is None or len(found.storey):
             reported = reported.between(*self._storey(reported))
-        track = begun(reported, chain, found, self._beyond_convex(reported))
-        if track is not None and self._beyond_convex(reported):
+        rings = self._beyond_convex(reported)
+        own = track_by_pulse(nominal, chain, rings) if self._rings(nominal) else None
+        if own is not None:
+            reported = own.pulse.over(nominal)
+        track = own.track if own else begun(reported, chain, found, rings)
+        if track is not None and rings:
             track = with_inner_walls(reported, chain, imaged_track(reported, chain, track, enough))
         self._untracked = track is None
         if track is None or (found is not None and track.found.explained < found.explained + _MORE):
             return None
+        if own is not None:
+            self._pulse, self._medium = own.pulse, None
         unmoved = reported.again(track.found)
         by_chance = _BY_CHANCE * len(chain.poses)
         if unmoved is not None and explains(reported, unmoved, enough) and (

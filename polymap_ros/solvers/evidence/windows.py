@@ -1,7 +1,7 @@
 """The first walls under odometry that drifts: from a short window of pings, in which it errs by little."""
 
 import dataclasses
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from itertools import islice
 
 import numpy as np
@@ -60,25 +60,33 @@ def windows(search: Search, chain: Chain) -> Generator[Track, None, bool]:
     Returns whether it may be odometry that drifts between other walls: none has closed, nor do convex walls explain
     many by power.
     """
-    count, closed = len(chain.poses), False
-    tried = out_of_phase = blunt = 0
+    closed = False
+    out_of_phase = blunt = 0
+    for tried, (best, share) in enumerate(windows_by_power(search, chain), 1):
+        found = in_phase(search, chain, best) if best and search.coherent else best
+        if found is not None:
+            closed = True
+            yield found
+        blunt += best is None and share > _BLUNT
+        out_of_phase += best is not None and found is None
+        if NOT_IN_PHASE in (out_of_phase, blunt):
+            return not closed and tried > _MOST_ARE * NOT_IN_PHASE
+    return not closed
+
+
+def windows_by_power(search: Search, chain: Chain) -> Iterator[tuple[Track | None, float]]:
+    """Give walls and poses that explain windows of the pings by power, None where none do, in the order in which they
+    are tried, and the share that blurred power explains there.
+    """
+    count = len(chain.poses)
     for size in _SIZES:
         roughly = []
         for first in range(0, max(count - size, 0) + 1, size // 2):
             best, share = _explained(search, chain, np.arange(first, min(first + size, count)))
-            found = in_phase(search, chain, best) if best and search.coherent else best
-            if found is not None:
-                closed = True
-                yield found
             roughly.append(share)
-            blunt += best is None and share > _BLUNT
-            out_of_phase += best is not None and found is None
-            tried += 1
-            if NOT_IN_PHASE in (out_of_phase, blunt):
-                return not closed and tried > _MOST_ARE * NOT_IN_PHASE
+            yield best, share
         if size >= count or max(roughly) < HOPELESS - search.uncertainty:
             break
-    return not closed
 
 
 def _explained(search: Search, chain: Chain, pings: NDArray[np.int64]) -> tuple[Track | None, float]:
@@ -170,7 +178,7 @@ def in_phase(search: Search, chain: Chain, track: Track, widest_m: float = 0.0) 
     locked in phase by itself. Pings are looked for so much farther away than the odometry expects, where they are not
     found.
     """
-    track = _by_all_orders(search, chain, track)
+    track = by_all_orders(search, chain, track)
     settled = track.search.settle(track.found.power)
     if settled is None:
         return None
@@ -188,7 +196,7 @@ def if_settled(track: Track | None) -> Track | None:
     return track
 
 
-def _by_all_orders(search: Search, chain: Chain, track: Track) -> Track:
+def by_all_orders(search: Search, chain: Chain, track: Track) -> Track:
     """Return walls and poses refined by power of all orders: by three, poses are left half a cycle off."""
     track = refined(search, chain, track.found, track.pings, track.poses, STEPS) or track
     changed = improved(track.search, track.found.power, FULL_ORDER, np.empty((0, 2)), residual=True)

@@ -311,3 +311,18 @@ def test_beyond_the_echoes_that_are_kept_every_ping_has_its_place():
     motion = alignment(path.poses[:, :2], scene.poses[:, :2])
     assert path_error(path.poses, scene.poses, motion).worst_m < 3e-3
     assert compare(motion.apply(estimate.polygon.vertices), scene.vertices).right
+
+
+@pytest.mark.heavy
+def test_a_pulse_that_was_not_given_is_found_where_the_odometry_drifts():
+    """Everything that a real plate and a real device do, none of it strong, and odometry of the level `typical`."""
+    scene = CASES['mild_echoes'].make(4, 3)
+    mapper = fed(scene, messages(scene))
+    mapper.finish()
+    estimate = mapper.solve()
+    trial = slam_trial('mild_echoes', scene, estimate, 0.0, 0.003)
+    assert trial.trial.right
+    assert trial.path.ate_m < 3e-4
+    assert codes(estimate) == ['pulse_adapted', 'odometry_drift']
+    again = PolygonMapper.from_state(mapper.parameters, mapper.state())
+    assert codes(again.solve()) == ['pulse_adapted', 'odometry_drift']
