@@ -42,6 +42,11 @@ _CONVEX_FITS = 0.6
 """Score of the best guess of convex walls below which outlines that are not convex are tried first: of 36 plates (even
 seeds) it is less for three, and 0.42 and 0.36 of an L and a T."""
 
+_HOPELESS = 0.35
+"""Share of the echoes' energy in the best guess of convex walls below which poses are likelier to be wrong than
+anything else: under drift it is 0.07 to 0.25, and 0.42 and more where poses are right (six and eleven scenes with
+everything mild, even seeds)."""
+
 _ROUNDS_OF_WALLS = 4
 """How often walls are settled by a pulse and it is fitted to them again, at most."""
 
@@ -65,12 +70,12 @@ class Adapted(NamedTuple):
     found: Found
 
 
-def adapted(search: Search, rings: bool = False) -> Adapted | None:
+def adapted(search: Search, rings: bool = False, at_length: bool = True) -> Adapted | None:
     """Return the pulse by which walls explain all of the echoes, and these walls; None where there is none.
 
     The first walls are those that power finds by the nominal pulse, and by one of minimum phase with the echoes'
     spectrum; where `rings` that need not be convex are asked for, such a ring by the latter, too, and first where
-    convex ones fit badly.
+    convex ones fit badly. Not `at_length`, none is looked for where the best guess by convex walls is hopeless.
     """
     if len(search.data.positions) < _TOLD_BY or search.uncertainty > _TOLD_TO:
         return None
@@ -79,6 +84,8 @@ def adapted(search: Search, rings: bool = False) -> Adapted | None:
     ringing = search.over(minimum_phase_pulse(search.data).heard(search.data))
     convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
     first = _climbed(search, fit, [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)])
+    if not at_length and (first is None or first.score < _HOPELESS * fit.loud):
+        return None
     others = _ring_guesses(search, ringing, fit, convex) if rings else ()
     convex_first = first is not None and first.score > _CONVEX_FITS
     for guess in chain((first,), others) if convex_first else chain(others, (first,)):

@@ -9,7 +9,7 @@ others are found, and in the end it is fitted to all pings where they were found
 from typing import NamedTuple
 
 from polymap_ros.solvers.evidence.drift import begun
-from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse
+from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.phase_lock import locked
 from polymap_ros.solvers.evidence.pulse_search import told_by
@@ -22,8 +22,13 @@ _LOCKED, _FITS = 0.45, 0.65
 from which walls are settled by it. Of 22 windows of six plates with everything mild at the level `typical` (even seeds)
 14 were solved, which had 0.52 to 0.93 and 0.76 to 0.87; the others 0.26 to 0.62 and up to 0.69."""
 
-_TRIED = 6
+_GIVEN_UP_AFTER = 6
 """Windows that are explained by power from which no pulse comes, after which no other is asked."""
+
+
+_LONGEST = 0.6
+"""Misfit of the spectrum [Np] beyond which a pulse rings for too long to be told by a window: of three plates at Q 10,
+where it is 0.7, no window told it."""
 
 
 class TrackPulse(NamedTuple):
@@ -31,6 +36,11 @@ class TrackPulse(NamedTuple):
 
     pulse: HeardPulse
     track: Track
+
+
+def windows_may_tell(search: Search) -> bool:
+    """Whether the echoes' spectrum is that of a pulse which windows may tell."""
+    return spectral_misfit(search.data) < _LONGEST
 
 
 def track_by_pulse(search: Search, chain: Chain, rings: bool) -> TrackPulse | None:
@@ -60,7 +70,7 @@ def _of_windows(search: Search, chain: Chain) -> TrackPulse | None:
         if own is not None:
             return own
         in_vain += 1
-        if in_vain == _TRIED:
+        if in_vain == _GIVEN_UP_AFTER:
             break
     return None
 

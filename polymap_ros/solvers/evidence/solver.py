@@ -25,8 +25,8 @@ from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.power import Power
-from polymap_ros.solvers.evidence.pulse_search import Adapted, adapted
-from polymap_ros.solvers.evidence.pulse_windows import track_by_pulse
+from polymap_ros.solvers.evidence.pulse_search import adapted
+from polymap_ros.solvers.evidence.pulse_windows import track_by_pulse, windows_may_tell
 from polymap_ros.solvers.evidence.ring_search import may_tell_rings
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
@@ -159,9 +159,9 @@ class EvidenceSolver:
         if heard < _SEARCH_AGAIN * self._searched or explains(reported, best, enough):
             return search, best, track
         self._searched = heard
-        if (own := None if in_vain or self._drift.on else self._adapted(nominal)) is not None:
+        if not in_vain and not self._drift.on and (by_own := self._by_own_pulse(nominal, chain, enough)) is not None:
             self._medium = None  # another cause has been found
-            return own.search, own.found, None
+            return by_own
         self._waves = None
         reported.other_cause = None if in_vain or self._drift.on else partial(self._is_uneven, nominal, evidence)
         # Where poses are estimated, nothing is looked for from the reported ones.
@@ -185,7 +185,7 @@ class EvidenceSolver:
                 if explains(reported, ring, EXPLAINED - reported.uncertainty):
                     return ringed, ring, None
                 self._unsure_ring = ring
-                tracked = self._tracked(reported, nominal, chain, plain, enough)
+                tracked = self._tracked(reported, chain, plain, enough)
                 if tracked is not None:
                     search, best, track = tracked
                     plain = best
@@ -230,16 +230,24 @@ class EvidenceSolver:
         """Whether outlines that are not convex, or have something inside, are asked for and can be found."""
         return may_tell_rings(search, self._parameters.solver.outline)
 
-    def _adapted(self, nominal: Search) -> Adapted | None:
+    def _by_own_pulse(
+        self, nominal: Search, chain: Chain, enough: float
+    ) -> tuple[Search, Found, Track | None] | None:
         """What is found by another pulse, where the echoes' spectrum is not that of the one that was given.
 
-        One that was found before is replaced: it may be told by more pings now.
+        One that was found before is replaced. Poses are estimated where the reported ones fit badly, too.
         """
-        if not self._rings(nominal):
+        if not (self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)):
             return None
-        own = adapted(nominal, self._beyond_convex(nominal))
+        rings, may_drift = self._beyond_convex(nominal), self._may_track(nominal) and windows_may_tell(nominal)
+        own = adapted(nominal, rings, at_length=not may_drift)
+        if own is None and may_drift:
+            if (by_track := track_by_pulse(nominal, chain, rings)) is not None:
+                self._pulse = by_track.pulse
+                return self._kept(by_track.pulse.over(nominal), chain, by_track.track, enough)
+            own = adapted(nominal, rings)
         self._pulse = own.pulse if own else self._pulse
-        return own
+        return (own.search, own.found, None) if own else None
 
     def _is_uneven(self, nominal: Search, evidence: Evidence, begun: Power) -> bool:
         """Whether walls in a medium that is not even explain the echoes."""
@@ -247,10 +255,6 @@ class EvidenceSolver:
         self._waves = found_medium(even, begun, _stamps_ns(evidence))
         self._medium = self._waves.medium if self._waves else self._medium
         return self._waves is not None
-
-    def _rings(self, nominal: Search) -> bool:
-        """Whether the echoes' spectrum is not that of the pulse that was given, and another one may be looked for."""
-        return self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)
 
     @property
     def _may_adapt(self) -> bool:
@@ -283,32 +287,32 @@ class EvidenceSolver:
                 break
         return search, best
 
+    def _may_track(self, search: Search) -> bool:
+        """Whether poses may be estimated, and echoes are enough to tell them."""
+        enough = len(search.data.positions) >= _TRACKED_FROM and search.uncertainty <= _DROWNED
+        return self._parameters.slam.mode != 'off' and enough and not search.dispersed
+
     def _tracked(
-        self, reported: Search, nominal: Search, chain: Chain, found: Found | None, enough: float
+        self, reported: Search, chain: Chain, found: Found | None, enough: float
     ) -> tuple[Search, Found, Track | None] | None:
         """An answer with the poses estimated, too, where that explains more and is needed; None where not."""
-        too_few = len(chain.poses) < _TRACKED_FROM or reported.uncertainty > _DROWNED
-        if self._parameters.slam.mode == 'off' or too_few or reported.dispersed:
+        if not self._may_track(reported):
             return None
         if found is None or len(found.storey):
             reported = reported.between(*self._storey(reported))
-        rings = self._beyond_convex(reported)
-        own = track_by_pulse(nominal, chain, rings) if self._rings(nominal) else None
-        if own is not None:
-            reported = own.pulse.over(nominal)
-        track = own.track if own else begun(reported, chain, found, rings)
-        if track is not None and rings:
+        track = begun(reported, chain, found, self._beyond_convex(reported))
+        if track is not None and self._beyond_convex(reported):
             track = with_inner_walls(reported, chain, imaged_track(reported, chain, track, enough))
         self._untracked = track is None
         if track is None or (found is not None and track.found.explained < found.explained + _MORE):
             return None
-        if own is not None:
-            self._pulse, self._medium = own.pulse, None
-        unmoved = reported.again(track.found)
-        by_chance = _BY_CHANCE * len(chain.poses)
-        if unmoved is not None and explains(reported, unmoved, enough) and (
-                unmoved.value > track.found.value - by_chance):
-            return reported, unmoved, None  # only the walls were off
+        return self._kept(reported, chain, track, enough)
+
+    def _kept(self, reported: Search, chain: Chain, track: Track, enough: float) -> tuple[Search, Found, Track | None]:
+        """An answer with the poses of a track, kept for the next solve, or without them, if only the walls were off."""
+        unmoved, by_chance = reported.again(track.found), _BY_CHANCE * len(chain.poses)
+        if unmoved and explains(reported, unmoved, enough) and unmoved.value > track.found.value - by_chance:
+            return reported, unmoved, None
         self._drift.keep(track, chain)
         return track.search, track.found, track
 

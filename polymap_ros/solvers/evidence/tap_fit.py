@@ -78,6 +78,11 @@ class PulseFit:
         self._heard = likelihood.without_carrier()[:, data.first_cell:]
         self._energy = float(np.sum(np.abs(self._heard) ** 2))
 
+    @property
+    def loud(self) -> float:
+        """Share of the signal's energy that is echoes: noise has 2 a cell."""
+        return max(1.0 - 2.0 * self._heard.size / self._energy, 0.0)
+
     def pulse(self, guess: Guess, laws: Sequence[EdgePhase]) -> HeardPulse:
         """Return the pulse of a guess, whose law is one of those given."""
         apart = round(self._data.cell_m / self._data.pulse.step_m)
