@@ -78,8 +78,9 @@ def minimum_phase_pulse(data: EchoData) -> HeardPulse:
     """Return the filter of minimum phase whose strength over the band is that of the echoes.
 
     By the cepstrum, which asks for the strength beyond the band, too. There it falls on as a resonance's does: its
-    inverse is continued as a parabola. Held as it is at the band's edges, it gives a pulse that is early by 3 to 6 mm
-    where a cycle of range is 10 (Q 3 to 10, even seeds); so it is 0 to 2 mm.
+    inverse is continued as a parabola. Held as it is at the band's edges, it gives a pulse whose delay is off by 3 to
+    6 mm where a cycle of range is 10, against the one that is fitted with the walls; so it is up to 1 mm at Q 3 and 5,
+    and 2 to 9 at Q 10 (three, two and three plates, even seeds).
     """
     spectrum, size = _spectrum(data), _PADDED_TIMES * data.signal.shape[1]
     frequency = np.asarray(np.fft.fftfreq(size), float)

@@ -42,10 +42,10 @@ _CONVEX_FITS = 0.6
 """Score of the best guess of convex walls below which outlines that are not convex are tried first: of 36 plates (even
 seeds) it is less for three, and 0.42 and 0.36 of an L and a T."""
 
-_HOPELESS = 0.35
+_HOPELESS = 0.28
 """Share of the echoes' energy in the best guess of convex walls below which poses are likelier to be wrong than
-anything else: under drift it is 0.07 to 0.25, and 0.42 and more where poses are right (six and eleven scenes with
-everything mild, even seeds)."""
+anything else: with everything mild it is 0.08 to 0.26 at the level `typical` (six plates), and 0.5 and more in seven
+plates, 0.31 and more in two L and two T where poses are right (even seeds). A wrong verdict costs time alone."""
 
 _ROUNDS_OF_WALLS = 4
 """How often walls are settled by a pulse and it is fitted to them again, at most."""
@@ -97,7 +97,7 @@ def adapted(search: Search, rings: bool = False, at_length: bool = True) -> Adap
     return None
 
 
-def told_by(search: Search, walls: Walls, least: float = 0.0) -> Adapted | None:
+def pulse_of_walls(search: Search, walls: Walls, least: float) -> Adapted | None:
     """Return the pulse that walls tell which are right but for a common shift, and what they are by it.
 
     None where the best guess of it has a score below `least`.

@@ -12,7 +12,7 @@ from polymap_ros.solvers.evidence.drift import begun
 from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.phase_lock import locked
-from polymap_ros.solvers.evidence.pulse_search import told_by
+from polymap_ros.solvers.evidence.pulse_search import pulse_of_walls
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.tracking import Chain, Track, anchored, mended, refined
 from polymap_ros.solvers.evidence.windows import SETTLED, by_all_orders, if_settled, windows_by_power
@@ -23,8 +23,8 @@ from which walls are settled by it. Of 22 windows of six plates with everything 
 14 were solved, which had 0.52 to 0.93 and 0.76 to 0.87; the others 0.26 to 0.62 and up to 0.69."""
 
 _GIVEN_UP_AFTER = 6
-"""Windows that are explained by power from which no pulse comes, after which no other is asked."""
-
+"""Windows that are explained by power from which no pulse comes, after which no other is asked: of five of those plates
+it came from the third of them at the latest, of the sixth none was explained."""
 
 _LONGEST = 0.6
 """Misfit of the spectrum [Np] beyond which a pulse rings for too long to be told by a window: of three plates at Q 10,
@@ -52,7 +52,7 @@ def track_by_pulse(search: Search, chain: Chain, rings: bool) -> TrackPulse | No
     track = own and begun(own.pulse.over(search), chain, None, rings, (own.track,))
     if own is None or track is None:
         return None
-    whole = _told(search, chain, track)
+    whole = _fitted_to(search, chain, track)
     if whole is None or whole.track.found.explained < track.found.explained:
         return TrackPulse(own.pulse, track)
     return whole._replace(track=anchored(whole.track, chain))
@@ -66,7 +66,7 @@ def _of_windows(search: Search, chain: Chain) -> TrackPulse | None:
         if rough is None:
             continue
         track = locked(ringing, chain, by_all_orders(ringing, chain, rough), SETTLED)
-        own = None if track is None or track.found.explained < _LOCKED else _told(search, chain, track)
+        own = None if track is None or track.found.explained < _LOCKED else _fitted_to(search, chain, track)
         if own is not None:
             return own
         in_vain += 1
@@ -75,9 +75,9 @@ def _of_windows(search: Search, chain: Chain) -> TrackPulse | None:
     return None
 
 
-def _told(search: Search, chain: Chain, track: Track) -> TrackPulse | None:
+def _fitted_to(search: Search, chain: Chain, track: Track) -> TrackPulse | None:
     """Return the pulse that fits the pings of a track, with that by it; None where its walls do not explain enough."""
-    own = told_by(search.over(search.data.chosen(track.pings).at(track.poses)), track.found.walls, _FITS)
+    own = pulse_of_walls(search.over(search.data.chosen(track.pings).at(track.poses)), track.found.walls, _FITS)
     if own is None:
         return None
     heard = own.pulse.over(search)

@@ -144,3 +144,17 @@ def test_bursts_move_walls_less_by_a_robust_likelihood_of_power_from_outside(in_
         worst[kind] = np.abs(top.walls.lines - in_pentagon.lines)[:, 0].max()
     assert worst[Lomax] < 1e-3
     assert worst[Lomax] < 0.7 * worst[PowerLikelihood]
+
+
+@pytest.mark.parametrize('rest', [0.0, -1e-14])
+def test_a_phase_that_the_echoes_do_not_tell_takes_nothing_from_what_walls_know(rest, pentagon):
+    """Of its information and of what walls share with it rounding leaves something, of either sign."""
+    heard = hear(pentagon, inside(pentagon, 40), order=3, reflection=np.full(5, 0.8), seed=3)
+    likelihood = WaveformLikelihood(heard.data)
+    begun = likelihood.begun(Walls.convex(heard.lines))
+    wave = likelihood.evaluate(begun.walls, begun, 3, derive=True)
+    phase = np.pad(wave.slopes.phase, ((0, 0), (0, 1), (0, 1)))
+    phase[:, -1, -1] = rest * phase[:, 0, 0]
+    by_phase = np.pad(wave.slopes.by_phase, ((0, 0), (0, 0), (0, 1)), constant_values=1e-6)
+    more = replace(wave, slopes=replace(wave.slopes, phase=phase, by_phase=by_phase))
+    np.testing.assert_allclose(information_of(more), information_of(wave), rtol=1e-6)

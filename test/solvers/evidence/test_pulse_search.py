@@ -46,9 +46,13 @@ def test_the_echoes_spectrum_tells_a_transducer_that_rings_from_one_that_does_no
 
 
 @pytest.mark.parametrize('noise_colour', [0.0, 0.9])
-@pytest.mark.parametrize('quality', [3.0, 10.0])
-def test_the_spectrum_tells_the_transducers_pulse_but_for_a_delay_and_the_phase(quality, noise_colour):
-    """Over the band, against the one that is fitted to the echoes with the walls, without their spectrum."""
+@pytest.mark.parametrize(('quality', 'coherence'), [(3.0, 0.99), (10.0, 0.975)])
+def test_the_spectrum_tells_the_transducers_pulse_but_for_a_common_phase(quality, coherence, noise_colour):
+    """Over the band, against the one that is fitted to the echoes with the walls, without their spectrum.
+
+    Strength that is held at the band's edges, and noise that is taken to be white, give 0.974 and 0.972 in white noise,
+    0.921 and 0.948 in this one.
+    """
     scene = VARIANTS['plate'].make(6, 5)
     faults = dataclasses.replace(scene.faults, transducer_q=quality, noise_colour=noise_colour)
     solver, mapper, _ = solved(dataclasses.replace(scene, faults=faults, snr_db=0.0))
@@ -58,7 +62,7 @@ def test_the_spectrum_tells_the_transducers_pulse_but_for_a_delay_and_the_phase(
     true, told = (pulse.response(wavenumber, data.pulse) for pulse in (state, minimum_phase_pulse(data)))
     weight = np.abs(true * told)
     turned = told * np.conj(true) / weight
-    assert np.abs(weight @ turned) / weight.sum() > 0.97  # held at the band's edges it is 0.92 to 0.98
+    assert np.abs(weight @ turned) / weight.sum() > coherence
 
 
 def test_one_tap_alone_is_a_delay_and_a_turn():
