@@ -15,7 +15,7 @@ from polymap_ros.calibration.stages import Refusal
 from polymap_ros.errors import ParameterError
 from polymap_ros.hearing.pulse_shape import PulseShape
 from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse
-from polymap_ros.solvers.evidence.pulse_search import adapted
+from polymap_ros.solvers.evidence.pulse_search import FirstGuess, adapted, may_be_told
 from polymap_ros.solvers.evidence.ring_search import may_tell_rings
 
 
@@ -45,7 +45,8 @@ def fitted_pulse(session: Session) -> FittedPulse | Refusal:
         search = session.search(session.parameters)
     except ParameterError as error:  # too little is left to listen to
         return Refusal(str(error))
-    own = adapted(search, may_tell_rings(search, session.parameters.solver.outline))
+    rings = may_tell_rings(search, session.parameters.solver.outline)
+    own = adapted(search, FirstGuess.of(search), rings) if may_be_told(search) else None
     if own is None:
         return Refusal('by no pulse that was tried do walls explain the echoes')
     return FittedPulse(_recorded(own.pulse, search.data.pulse, session), own.found.explained)

@@ -20,6 +20,7 @@ from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tap_fit import NO_BETTER, Guess, PulseFit
+from polymap_ros.solvers.evidence.tracking import Track
 from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, BY_POWER, EXPLAINED, FULL_ORDER, RING_WORTH, SEARCH_ORDER
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
@@ -63,32 +64,53 @@ def pulse_guesses(search: Search, fit: PulseFit, walls: Walls) -> list[Guess]:
 
 
 class Adapted(NamedTuple):
-    """A pulse, the search over what is heard by it, and the polygon there."""
+    """A pulse, the search over what is heard by it, and the polygon there; a track where poses were estimated, too."""
 
     pulse: HeardPulse
     search: Search
     found: Found
+    track: Track | None = None
 
 
-def adapted(search: Search, rings: bool = False, at_length: bool = True) -> Adapted | None:
+class FirstGuess(NamedTuple):
+    """What fits best by convex walls, with these, what is heard by a pulse of minimum phase, and what fits pulses."""
+
+    fit: PulseFit
+    ringing: Search
+    convex: Sequence[Power]
+    guess: Guess | None
+
+    @classmethod
+    def of(cls, search: Search) -> 'FirstGuess':
+        """Return it by walls that power finds by the nominal pulse, and by one with the echoes' spectrum."""
+        fit = _fit_of(search)
+        ringing = search.over(minimum_phase_pulse(search.data).heard(search.data))
+        convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
+        guesses = [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)]
+        return cls(fit, ringing, convex, _climbed(search, fit, guesses))
+
+    @property
+    def hopeless(self) -> bool:
+        """Whether poses are likelier to be wrong than anything else."""
+        return self.guess is None or self.guess.score < _HOPELESS * self.fit.loud
+
+
+def may_be_told(search: Search) -> bool:
+    """Whether there are enough pings, and echoes that are strong enough, to tell a pulse."""
+    return len(search.data.positions) >= _TOLD_BY and search.uncertainty <= _TOLD_TO
+
+
+def adapted(search: Search, first: FirstGuess, rings: bool = False) -> Adapted | None:
     """Return the pulse by which walls explain all of the echoes, and these walls; None where there is none.
 
-    The first walls are those that power finds by the nominal pulse, and by one of minimum phase with the echoes'
-    spectrum; where `rings` that need not be convex are asked for, such a ring by the latter, too, and first where
-    convex ones fit badly. Not `at_length`, none is looked for where the best guess by convex walls is hopeless.
+    The first walls are convex; where `rings` that need not be are asked for, such a ring by the pulse of minimum phase,
+    too, and first where convex ones fit badly.
     """
-    if len(search.data.positions) < _TOLD_BY or search.uncertainty > _TOLD_TO:
-        return None
     enough, best = ALL_EXPLAINED - search.uncertainty / 3.0, None
-    fit = _fit_of(search)
-    ringing = search.over(minimum_phase_pulse(search.data).heard(search.data))
-    convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
-    first = _climbed(search, fit, [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)])
-    if not at_length and (first is None or first.score < _HOPELESS * fit.loud):
-        return None
-    others = _ring_guesses(search, ringing, fit, convex) if rings else ()
-    convex_first = first is not None and first.score > _CONVEX_FITS
-    for guess in chain((first,), others) if convex_first else chain(others, (first,)):
+    fit, convex = first.fit, first.guess
+    others = _ring_guesses(search, first) if rings else ()
+    convex_first = convex is not None and convex.score > _CONVEX_FITS
+    for guess in chain((convex,), others) if convex_first else chain(others, (convex,)):
         own = guess and _told_by(search, fit, guess, enough)
         if own and (best is None or own.found.explained > best.found.explained):
             best = own
@@ -114,8 +136,9 @@ def _fit_of(search: Search) -> PulseFit:
     return PulseFit(WaveformLikelihood(data))
 
 
-def _ring_guesses(search: Search, ringing: Search, fit: PulseFit, convex: Sequence[Power]) -> Iterator[Guess | None]:
+def _ring_guesses(search: Search, first: FirstGuess) -> Iterator[Guess | None]:
     """Give what fits best from outlines that need not be convex, where they are worth clearly more than convex ones."""
+    fit, ringing, convex = first.fit, first.ringing, first.convex
     nothing = ringing.nothing
     like = [ringing.power.fitted(power.walls, nothing.with_strength(power.strength), SEARCH_ORDER) for power in convex]
     known = max((power.value for power in like if power is not None), default=nothing.value)

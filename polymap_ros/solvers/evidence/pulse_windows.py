@@ -6,13 +6,15 @@ pulse is fitted with the walls (`pulse_search`), and walls and poses climb by it
 others are found, and in the end it is fitted to all pings where they were found to be.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 from polymap_ros.solvers.evidence.drift import begun
 from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.phase_lock import locked
-from polymap_ros.solvers.evidence.pulse_search import pulse_of_walls
+from polymap_ros.solvers.evidence.pulse_search import Adapted, FirstGuess, adapted, may_be_told, pulse_of_walls
 from polymap_ros.solvers.evidence.search import Search
 from polymap_ros.solvers.evidence.tracking import Chain, Track, anchored, mended, refined
 from polymap_ros.solvers.evidence.windows import SETTLED, by_all_orders, if_settled, windows_by_power
@@ -31,34 +33,41 @@ _LONGEST = 0.6
 where it is 0.7, no window told it."""
 
 
-class TrackPulse(NamedTuple):
+class _Told(NamedTuple):
     """A pulse, and the track of the pings that told it."""
 
     pulse: HeardPulse
     track: Track
 
 
-def windows_may_tell(search: Search) -> bool:
-    """Whether the echoes' spectrum is that of a pulse which windows may tell."""
-    return spectral_misfit(search.data) < _LONGEST
+def own_pulse(search: Search, chain: Chain, rings: bool, may_drift: bool) -> Adapted | None:
+    """Return the pulse that the echoes have, and what is found by it, where the search has the nominal one.
 
-
-def track_by_pulse(search: Search, chain: Chain, rings: bool) -> TrackPulse | None:
-    """Return walls and poses by a pulse that the pings tell, where the search has the nominal one; None without one.
-
-    `rings` says whether outlines that need not be convex are looked for, where no convex one closes.
+    From the reported poses, or where they `may_drift` from those that windows tell, which are asked first where the
+    reported ones fit badly. `rings` says whether outlines that need not be convex are looked for.
     """
+    if not may_be_told(search):
+        return None
+    first = FirstGuess.of(search)
+    ways: list[Callable[[], Adapted | None]] = [partial(adapted, search, first, rings)]
+    if may_drift and spectral_misfit(search.data) < _LONGEST:
+        ways.insert(0 if first.hopeless else 1, partial(track_by_pulse, search, chain, rings))
+    return next((own for way in ways if (own := way()) is not None), None)
+
+
+def track_by_pulse(search: Search, chain: Chain, rings: bool) -> Adapted | None:
+    """Return walls and poses by a pulse that a window of the pings tells; None where no window does."""
     own = _of_windows(search, chain)
     track = own and begun(own.pulse.over(search), chain, None, rings, (own.track,))
     if own is None or track is None:
         return None
-    whole = _fitted_to(search, chain, track)
-    if whole is None or whole.track.found.explained < track.found.explained:
-        return TrackPulse(own.pulse, track)
-    return whole._replace(track=anchored(whole.track, chain))
+    pulse, whole = own.pulse, _fitted_to(search, chain, track)
+    if whole is not None and whole.track.found.explained >= track.found.explained:
+        pulse, track = whole.pulse, anchored(whole.track, chain)
+    return Adapted(pulse, track.search, track.found, track)
 
 
-def _of_windows(search: Search, chain: Chain) -> TrackPulse | None:
+def _of_windows(search: Search, chain: Chain) -> _Told | None:
     """Return the pulse of the first window whose walls explain its echoes by it; None where there is none."""
     ringing = minimum_phase_pulse(search.data).over(search)
     in_vain = 0
@@ -75,7 +84,7 @@ def _of_windows(search: Search, chain: Chain) -> TrackPulse | None:
     return None
 
 
-def _fitted_to(search: Search, chain: Chain, track: Track) -> TrackPulse | None:
+def _fitted_to(search: Search, chain: Chain, track: Track) -> _Told | None:
     """Return the pulse that fits the pings of a track, with that by it; None where its walls do not explain enough."""
     own = pulse_of_walls(search.over(search.data.chosen(track.pings).at(track.poses)), track.found.walls, _FITS)
     if own is None:
@@ -83,4 +92,4 @@ def _fitted_to(search: Search, chain: Chain, track: Track) -> TrackPulse | None:
     heard = own.pulse.over(search)
     better = refined(heard, chain, own.found, track.pings, track.poses)
     settled = if_settled(better and mended(heard, chain, better))
-    return settled and TrackPulse(own.pulse, settled)
+    return settled and _Told(own.pulse, settled)

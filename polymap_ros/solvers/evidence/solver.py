@@ -25,8 +25,7 @@ from polymap_ros.solvers.evidence.mirror import AS_LIKELY, mirror_image
 from polymap_ros.solvers.evidence.odometry import OdometryNoise
 from polymap_ros.solvers.evidence.path import known, path_cautions, trajectory_of
 from polymap_ros.solvers.evidence.power import Power
-from polymap_ros.solvers.evidence.pulse_search import adapted
-from polymap_ros.solvers.evidence.pulse_windows import track_by_pulse, windows_may_tell
+from polymap_ros.solvers.evidence.pulse_windows import own_pulse
 from polymap_ros.solvers.evidence.ring_search import may_tell_rings
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search, search_of
@@ -235,19 +234,17 @@ class EvidenceSolver:
     ) -> tuple[Search, Found, Track | None] | None:
         """What is found by another pulse, where the echoes' spectrum is not that of the one that was given.
 
-        One that was found before is replaced. Poses are estimated where the reported ones fit badly, too.
+        One that was found before is replaced: it may be told by more pings now.
         """
         if not (self._may_adapt and nominal.coherent and is_of_another_pulse(nominal)):
             return None
-        rings, may_drift = self._beyond_convex(nominal), self._may_track(nominal) and windows_may_tell(nominal)
-        own = adapted(nominal, rings, at_length=not may_drift)
-        if own is None and may_drift:
-            if (by_track := track_by_pulse(nominal, chain, rings)) is not None:
-                self._pulse = by_track.pulse
-                return self._kept(by_track.pulse.over(nominal), chain, by_track.track, enough)
-            own = adapted(nominal, rings)
-        self._pulse = own.pulse if own else self._pulse
-        return (own.search, own.found, None) if own else None
+        own = own_pulse(nominal, chain, self._beyond_convex(nominal), self._may_track(nominal))
+        if own is None:
+            return None
+        self._pulse = own.pulse
+        if own.track is None:
+            return own.search, own.found, None
+        return self._kept(own.pulse.over(nominal), chain, own.track, enough)
 
     def _is_uneven(self, nominal: Search, evidence: Evidence, begun: Power) -> bool:
         """Whether walls in a medium that is not even explain the echoes."""
