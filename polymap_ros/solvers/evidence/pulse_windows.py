@@ -33,7 +33,7 @@ _LONGEST = 0.6
 where it is 0.7, no window told it."""
 
 
-class _Told(NamedTuple):
+class _PulseOfTrack(NamedTuple):
     """A pulse, and the track of the pings that told it."""
 
     pulse: HeardPulse
@@ -67,7 +67,7 @@ def track_by_pulse(search: Search, chain: Chain, rings: bool) -> Adapted | None:
     return Adapted(pulse, track.search, track.found, track)
 
 
-def _of_windows(search: Search, chain: Chain) -> _Told | None:
+def _of_windows(search: Search, chain: Chain) -> _PulseOfTrack | None:
     """Return the pulse of the first window whose walls explain its echoes by it; None where there is none."""
     ringing = minimum_phase_pulse(search.data).over(search)
     in_vain = 0
@@ -84,7 +84,7 @@ def _of_windows(search: Search, chain: Chain) -> _Told | None:
     return None
 
 
-def _fitted_to(search: Search, chain: Chain, track: Track) -> _Told | None:
+def _fitted_to(search: Search, chain: Chain, track: Track) -> _PulseOfTrack | None:
     """Return the pulse that fits the pings of a track, with that by it; None where its walls do not explain enough."""
     own = pulse_of_walls(search.over(search.data.chosen(track.pings).at(track.poses)), track.found.walls, _FITS)
     if own is None:
@@ -92,4 +92,4 @@ def _fitted_to(search: Search, chain: Chain, track: Track) -> _Told | None:
     heard = own.pulse.over(search)
     better = refined(heard, chain, own.found, track.pings, track.poses)
     settled = if_settled(better and mended(heard, chain, better))
-    return settled and _Told(own.pulse, settled)
+    return settled and _PulseOfTrack(own.pulse, settled)
