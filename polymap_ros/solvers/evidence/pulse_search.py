@@ -15,6 +15,7 @@ import numpy as np
 
 from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
+from polymap_ros.solvers.evidence.loudness import PLAIN, Loudness
 from polymap_ros.solvers.evidence.moves.start import starts
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.ring_search import improved_ring, ring_starts
@@ -52,15 +53,25 @@ _ROUNDS_OF_WALLS = 4
 """How often walls are settled by a pulse and it is fitted to them again, at most."""
 
 
-def pulse_guesses(search: Search, fit: PulseFit, walls: Walls) -> list[Guess]:
-    """Return what fits with walls that are shifted in common, for each shift and each law of phases, where it can."""
+def pulse_guesses(search: Search, fit: PulseFit, walls: Walls, loudness: Loudness = PLAIN) -> list[Guess]:
+    """Return what fits with walls that are shifted in common, for each shift and each law of phases, where it can.
+
+    The device and the medium are as `loudness` says: what it leaves out costs more than a wrong shift does.
+    """
     count, guesses = round(_SHIFTS_CYCLES / _STEP_CYCLES), []
     for edge in search.edges:
         search.checkpoint()
         for k in range(-count, count + 1):
             moved = replace(walls, lines=walls.lines + (k * _STEP_CYCLES * search.cycle_m, 0.0))
-            guesses.append(fit.fitted(fit.begun(moved, edge)))
+            guesses.append(fit.fitted(fit.begun(moved, edge, loudness)))
     return [guess for guess in guesses if np.isfinite(guess.score)]
+
+
+def _guesses_of(search: Search, fit: PulseFit, found: Found) -> list[Guess]:
+    """Return the guesses of walls that were found by another pulse, with the device and the medium found there."""
+    if found.wave is None:
+        return pulse_guesses(search, fit, found.walls)
+    return pulse_guesses(search, fit, found.walls.without_delays(), found.wave.loudness)
 
 
 class Adapted(NamedTuple):
@@ -119,13 +130,13 @@ def adapted(search: Search, first: FirstGuess, rings: bool = False) -> Adapted |
     return None
 
 
-def pulse_of_walls(search: Search, walls: Walls, least: float) -> Adapted | None:
+def pulse_of_walls(search: Search, found: Found, least: float) -> Adapted | None:
     """Return the pulse that walls tell which are right but for a common shift, and what they are by it.
 
     None where the best guess of it has a score below `least`.
     """
     fit = _fit_of(search)
-    guess = _climbed(search, fit, pulse_guesses(search, fit, walls))
+    guess = _climbed(search, fit, _guesses_of(search, fit, found))
     if guess is None or guess.score < least:
         return None
     return _told_by(search, fit, guess, ALL_EXPLAINED - search.uncertainty / 3.0)
@@ -171,7 +182,7 @@ def _told_by(search: Search, fit: PulseFit, guess: Guess | None, enough: float) 
             break
         best = Adapted(pulse, other, settled) if better else best
         # Where walls were wrong, so may the law have been that they told.
-        before, guesses = guess.score, pulse_guesses(search, fit, settled.walls)
+        before, guesses = guess.score, _guesses_of(search, fit, settled)
         hopeful = guesses if settled.explained < enough else sorted(guesses, key=lambda each: each.score)[-1:]
         guess = _climbed(search, fit, hopeful)
         if guess is not None and guess.score < before + NO_BETTER:

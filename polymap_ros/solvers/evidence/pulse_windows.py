@@ -86,7 +86,7 @@ def _of_windows(search: Search, chain: Chain) -> _PulseOfTrack | None:
 
 def _fitted_to(search: Search, chain: Chain, track: Track) -> _PulseOfTrack | None:
     """Return the pulse that fits the pings of a track, with that by it; None where its walls do not explain enough."""
-    own = pulse_of_walls(search.over(search.data.chosen(track.pings).at(track.poses)), track.found.walls, _FITS)
+    own = pulse_of_walls(search.over(search.data.chosen(track.pings).at(track.poses)), track.found, _FITS)
     if own is None:
         return None
     heard = own.pulse.over(search)

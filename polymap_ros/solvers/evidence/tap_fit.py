@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.edge_phase import COMMON, EdgePhase
 from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse
+from polymap_ros.solvers.evidence.loudness import PLAIN, Loudness
 from polymap_ros.solvers.evidence.moves.louder import DIFFERENCES, across, louder_by, unit
 from polymap_ros.solvers.evidence.walls import LOSS_DEVIATION, Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
@@ -89,9 +90,9 @@ class PulseFit:
         law = next(k for k, law in enumerate(laws) if law.law is guess.wave.edge.law)
         return HeardPulse(guess.taps, int(self._lags[0]) * apart, apart, law)
 
-    def begun(self, walls: Walls, edge: EdgePhase) -> Wave:
+    def begun(self, walls: Walls, edge: EdgePhase, loudness: Loudness = PLAIN) -> Wave:
         """Return a waveform of unit amplitudes."""
-        return Wave(walls, 0.0, -np.inf, np.ones(len(self._data.positions)), edge=edge)
+        return Wave(walls, 0.0, -np.inf, np.ones(len(self._data.positions)), edge=edge, loudness=loudness)
 
     def fitted(self, wave: Wave) -> Guess:
         """Return the taps and amplitudes that fit a waveform best, found in turn."""

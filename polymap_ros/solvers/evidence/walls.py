@@ -122,6 +122,13 @@ class Walls:
         """Which walls (n,) are not heard."""
         return np.asarray(self.reflection == 0.0)
 
+    def without_delays(self) -> Self:
+        """Return the walls without delays of their own, with the signs that come nearest to these."""
+        common = 0.5 * np.angle(np.sum(np.exp(2j * self.delay)))
+        turned = np.cos(self.delay - common) < 0.0
+        signs = np.where(turned, -1.0, 1.0) if len(self.delay) else 1.0
+        return replace(self, reflection=signs * self.reflection, delay=np.empty(0))
+
     def without(self, wall: int) -> Self:
         """Return the walls without one of them."""
         lines = np.ascontiguousarray(np.delete(self.lines, wall, 0))

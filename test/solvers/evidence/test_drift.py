@@ -316,12 +316,13 @@ def test_beyond_the_echoes_that_are_kept_every_ping_has_its_place():
 @pytest.mark.heavy
 def test_a_pulse_that_was_not_given_is_found_where_the_odometry_drifts():
     """Everything that a real plate and a real device do, none of it strong, and odometry of the level `typical`."""
-    scene = CASES['mild_echoes'].make(4, 3)
+    scene = CASES['mild_echoes'].make(4, 4)
     mapper = fed(scene, messages(scene))
     mapper.finish()
     estimate = mapper.solve()
     trial = slam_trial('mild_echoes', scene, estimate, 0.0, 0.003)
     assert trial.trial.right
+    assert np.max(trial.trial.offsets_m) < 3e-4  # walls half a cycle off in common explain 0.993, by another law
     assert trial.path.ate_m < 3e-4
     assert codes(estimate) == ['pulse_adapted', 'odometry_drift']
     again = PolygonMapper.from_state(mapper.parameters, mapper.state())

@@ -1,5 +1,7 @@
 """The block of the walls against its own meaning: what a step does, what is held, what is known before."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -55,3 +57,12 @@ def test_silent_walls_and_what_would_reflect_more_than_all_are_held():
     walls = Walls.convex(LINES, np.array([1.0, 1.0, 0.0]))
     held = walls.held(np.array((1.0,) * 6 + (1.0, 1.0, -1.0)))
     np.testing.assert_array_equal(held.reshape(3, 3), [(False, True, False), (False, True, False), (True, True, False)])
+
+
+def test_delays_that_are_half_a_turn_apart_are_signs():
+    square = Walls.of_polygon(np.array(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0))))
+    walls = replace(square, reflection=np.array((0.9, 0.9, 0.8, -0.9)), delay=np.array((1.0, 1.1, 0.9, -1.6)))
+    bare = walls.without_delays()
+    np.testing.assert_array_equal(bare.reflection, (0.9, 0.9, 0.8, 0.9))
+    assert not len(bare.delay)
+    np.testing.assert_array_equal(bare.without_delays().reflection, bare.reflection)
