@@ -26,8 +26,9 @@ from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, BY_POWER, EXPLAIN
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 
-_SHIFTS_CYCLES, _STEP_CYCLES = 0.9, 0.1
-"""Cycles of range by which all walls are shifted either way, and the step: a fit is sharp to a quarter cycle."""
+_SHIFTS_CYCLES, _STEP_CYCLES = 0.875, 0.125
+"""Cycles of range by which all walls are shifted either way, and the step: a fit is sharp to a quarter cycle. Laws are
+a quarter of a turn apart head on, and each has its best shift on the grid: beside it, a wrong one may fit better."""
 
 _HOPEFUL = 0.5
 """Share of the best guess's score from which that of another law is followed: before walls are right, laws are near to
