@@ -28,6 +28,10 @@ _ANOTHER_PULSE = 0.2
 plates, rooms, other media, a second mode and under drift, 0.06 to 0.15 where a metre takes 0.35 Np; with transducers of
 Q 3, 5 and 10 it is 0.4, 0.5 and 0.7 (each five scenes, even seeds)."""
 
+RINGS_LONG = 0.6
+"""Np from which a pulse rings for so long that its first guess may be late by most of a cycle, and no window of pings
+tells it: of three plates at Q 10, where it is 0.7, none did."""
+
 _OF_NOISE = 1.0
 """Times the uncertainty of the share explained that noise may make of it: plates have 0.11 at -10 dB, where that is
 0.08, and 0.2 at -15 dB, where it is 0.3; transducers of Q 3 have 0.45 to 0.55 at -10 dB."""

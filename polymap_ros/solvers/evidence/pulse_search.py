@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse
+from polymap_ros.solvers.evidence.echo_spectrum import RINGS_LONG, minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.loudness import PLAIN, Loudness
 from polymap_ros.solvers.evidence.moves.start import starts
@@ -29,6 +29,13 @@ from polymap_ros.solvers.evidence.waveform import Wave, WaveformLikelihood
 _SHIFTS_CYCLES, _STEP_CYCLES = 0.875, 0.125
 """Cycles of range by which all walls are shifted either way, and the step: a fit is sharp to a quarter cycle. Laws are
 a quarter of a turn apart head on, and each has its best shift on the grid: beside it, a wrong one may fit better."""
+
+_LATE_CYCLES = 0.3, -0.9, 0.6, -0.6, 0.9, -0.3
+"""Cycles of range by which the pulse of minimum phase is taken to be later where nothing fits by it: at Q 10 it is up
+to 0.9 early or late, and power finds other walls then."""
+
+_ALL_FITS = 0.8
+"""Share of the echoes' energy in a guess from which no other is looked for: walls come right from there."""
 
 _HOPEFUL = 0.5
 """Share of the best guess's score from which that of another law is followed: before walls are right, laws are near to
@@ -94,12 +101,23 @@ class FirstGuess(NamedTuple):
 
     @classmethod
     def of(cls, search: Search) -> 'FirstGuess':
-        """Return it by walls that power finds by the nominal pulse, and by one with the echoes' spectrum."""
-        fit = _fit_of(search)
-        ringing = search.over(minimum_phase_pulse(search.data).heard(search.data))
+        """Return it by walls that power finds by the nominal pulse, and by one with the echoes' spectrum, earlier or
+        later where it rings for long and nothing fits.
+        """
+        fit, pulse = _fit_of(search), minimum_phase_pulse(search.data)
+        ringing = search.over(pulse.heard(search.data))
         convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
         guesses = [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)]
-        return cls(fit, ringing, convex, _climbed(search, fit, guesses))
+        best = _climbed(search, fit, guesses)
+        for late in _LATE_CYCLES if spectral_misfit(search.data) > RINGS_LONG else ():
+            if best is not None and best.score > _ALL_FITS * fit.loud:
+                break
+            steps = round(late * search.cycle_m / search.data.pulse.step_m)
+            power = _by_power(search.over(replace(pulse, first=steps).heard(search.data)))
+            other = power and _climbed(search, fit, pulse_guesses(search, fit, power.walls))
+            if other and (best is None or other.score > best.score):
+                best = other
+        return cls(fit, ringing, convex, best)
 
     @property
     def hopeless(self) -> bool:

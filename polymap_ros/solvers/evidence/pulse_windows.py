@@ -11,7 +11,7 @@ from functools import partial
 from typing import NamedTuple
 
 from polymap_ros.solvers.evidence.drift import begun
-from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse, spectral_misfit
+from polymap_ros.solvers.evidence.echo_spectrum import RINGS_LONG, minimum_phase_pulse, spectral_misfit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.phase_lock import locked
 from polymap_ros.solvers.evidence.pulse_search import Adapted, FirstGuess, adapted, may_be_told, pulse_of_walls
@@ -27,10 +27,6 @@ from which walls are settled by it. Of 22 windows of six plates with everything 
 _GIVEN_UP_AFTER = 6
 """Windows that are explained by power from which no pulse comes, after which no other is asked: of five of those plates
 it came from the third of them at the latest, of the sixth none was explained."""
-
-_LONGEST = 0.6
-"""Misfit of the spectrum [Np] beyond which a pulse rings for too long to be told by a window: of three plates at Q 10,
-where it is 0.7, no window told it."""
 
 
 class _PulseOfTrack(NamedTuple):
@@ -50,7 +46,7 @@ def own_pulse(search: Search, chain: Chain, rings: bool, may_drift: bool) -> Ada
         return None
     first = FirstGuess.of(search)
     ways: list[Callable[[], Adapted | None]] = [partial(adapted, search, first, rings)]
-    if may_drift and spectral_misfit(search.data) < _LONGEST:
+    if may_drift and spectral_misfit(search.data) < RINGS_LONG:
         ways.insert(0 if first.hopeless else 1, partial(track_by_pulse, search, chain, rings))
     return next((own for way in ways if (own := way()) is not None), None)
 
