@@ -32,10 +32,11 @@ a quarter of a turn apart head on, and each has its best shift on the grid: besi
 
 _LATE_CYCLES = 0.3, -0.9, 0.6, -0.6, 0.9, -0.3
 """Cycles of range by which the pulse of minimum phase is taken to be later where nothing fits by it: at Q 10 it is up
-to 0.9 early or late, and power finds other walls then."""
+to 0.9 early or late, and power finds other walls then. The first two come first since each mended an even plate."""
 
 _ALL_FITS = 0.8
-"""Share of the echoes' energy in a guess from which no other is looked for: walls come right from there."""
+"""Share of the echoes' energy in a guess from which no other is looked for: of eight plates at Q 10 (even seeds) two had
+0.92 and more, with all walls where they are but for a common shift, the others 0.63 and less, with walls elsewhere."""
 
 _HOPEFUL = 0.5
 """Share of the best guess's score from which that of another law is followed: before walls are right, laws are near to
