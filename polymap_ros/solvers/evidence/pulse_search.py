@@ -35,8 +35,8 @@ _LATE_CYCLES = 0.3, -0.9, 0.6, -0.6, 0.9, -0.3
 to 0.9 early or late, and power finds other walls then. The first two come first since each mended an even plate."""
 
 _ALL_FITS = 0.8
-"""Share of the echoes' energy in a guess from which no other is looked for: of eight plates at Q 10 (even seeds) two had
-0.92 and more, with all walls where they are but for a common shift, the others 0.63 and less, with walls elsewhere."""
+"""Share of the echoes' energy in a guess from which no other is looked for: of eight plates at Q 10 (even seeds) two
+had 0.92 and more, with all true walls, but for a common shift; the others 0.63 and less, with walls elsewhere."""
 
 _HOPEFUL = 0.5
 """Share of the best guess's score from which that of another law is followed: before walls are right, laws are near to
