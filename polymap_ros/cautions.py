@@ -92,6 +92,9 @@ CAUTIONS = {
     'weak_edge': Kind(
         'answer', 'an edge whose `likelihood` is below 0.9',
         'drive past that edge, through places that it faces squarely, before you rely on it'),
+    'curved_edge': Kind(
+        'answer', 'a wall is not straight: the edge touches it in its middle, where it is as exact as any other',
+        'nothing, where you know it to be curved; else look whether it is, or a corner lies on it'),
     'unexplained': Kind(
         'answer', 'echoes are left that the polygon does not explain: a dent, a seam, a second mode, a wrong medium',
         'look for what else reflects, or a corner that points inwards; if there is neither, let polymap_replay '

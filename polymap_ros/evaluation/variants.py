@@ -64,6 +64,14 @@ def _rolled(share: float) -> Callable[[int, int], Scene]:
     return make
 
 
+def _curved(radius_m: float) -> Callable[[int, int], Scene]:
+    """A plate of which one edge bulges, outwards or inwards."""
+    def make(seed: int, edges: int) -> Scene:
+        inwards = np.random.default_rng([seed, edges, 11]).random() < 0.5
+        return _edged(curvature_1_m=(-1.0 if inwards else 1.0) / radius_m, curved_edge=seed % edges)(seed, edges)
+    return make
+
+
 def _off_centre(seed: int, edges: int) -> float:
     """A transducer's frequency over the pulse's, -8 to +8 % off, by the seed and the number of edges."""
     return float(np.random.default_rng([seed, edges, 8]).uniform(0.92, 1.08))
@@ -158,6 +166,9 @@ VARIANTS = {
                        lambda seed, edges: dataclasses.replace(lossy(random_scene(seed, edges), 0.8, 0.95), order=8)),
     'damped_0.3': Variant('one edge reflects 0.3, the others all', _damped(0.3)),
     'damped_0.2': Variant('one edge reflects 0.2, the others all', _damped(0.2)),
+    'curved_100': Variant('one edge is curved by a radius of 100 m, outwards or inwards', _curved(100.0)),
+    'curved_20': Variant('the same, 20 m', _curved(20.0)),
+    'rounded': Variant('corners rounded by 20 mm', _edged(corner_radius_m=0.02)),
     'line': Variant("a line of 90 kHz as strong as the echoes", _faulty(lines=1)),
     'line_+4db': Variant('the same, 4 dB stronger', _faulty(lines=1, line_db=4.0)),
     'line_+10db': Variant('the same, 10 dB stronger', _faulty(lines=1, line_db=10.0)),

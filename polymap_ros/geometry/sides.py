@@ -54,6 +54,8 @@ class Sides(NamedTuple):
         1 for the side that its wall's line is that of, -1 for the back of an inner wall.
     passed : ndarray, shape (m,)
         What a wall leaves of the amplitude of a wave that crosses it.
+    bend : ndarray, shape (m, 2)
+        How the sides are curved (`geometry.curved`); empty where all are straight.
     convex : bool
         Whether they are those of a convex outline alone, and no wall can stand in the way.
     """
@@ -63,6 +65,7 @@ class Sides(NamedTuple):
     wall: NDArray[np.int64]
     forward: NDArray[np.float64]
     passed: NDArray[np.float64]
+    bend: NDArray[np.float64]
     convex: bool
 
 
@@ -103,13 +106,13 @@ def outline_sides(corners: NDArray[np.float64], soft: float, convex: bool) -> Si
     """Return the sides of a polygon (n, 2), counter-clockwise [m], which is taken for `convex` or not."""
     sides = _room(len(corners))
     _add_ring(corners, 0, soft, sides)
-    return Sides(sides.rows, sides.corners, sides.wall, sides.forward, sides.passed, convex)
+    return Sides(sides.rows, sides.corners, sides.wall, sides.forward, sides.passed, sides.bend, convex)
 
 
 @kernel
 def _room(count: int) -> Sides:
     return Sides(np.empty((count, 9)), np.zeros((count, count), np.int8), np.arange(count), np.ones(count),
-                 np.zeros(count), False)
+                 np.zeros(count), np.empty((0, 2)), False)
 
 
 @kernel

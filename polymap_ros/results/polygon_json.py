@@ -158,7 +158,9 @@ def _inner_wall(wall: InnerWall) -> dict[str, Any]:
 def _line(edge: Edge) -> dict[str, Any]:
     return {
         'r': _number(edge.r), 'theta': _number(edge.theta), 'likelihood': _number(edge.likelihood),
-        'r_std': _number(edge.r_std), 'theta_std': _number(edge.theta_std), 'pings': int(edge.pings)}
+        'r_std': _number(edge.r_std), 'theta_std': _number(edge.theta_std), 'pings': int(edge.pings),
+        **({'curvature': _number(edge.curvature), 'curvature_std': _number(edge.curvature_std)}
+           if edge.curvature else {})}
 
 
 def _number(value: float | None) -> float | None:

@@ -1,6 +1,7 @@
-"""What a scene's edges do to what they reflect beside taking some of it: they turn its phase, they delay it.
+"""What a scene's edges do to what they reflect beside taking some of it: they turn its phase, they delay it, and they
+may not be straight.
 
-Both are off by default: coefficients are real.
+All of it is off by default: edges are straight, corners sharp, and coefficients real.
 """
 
 from dataclasses import dataclass
@@ -9,7 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.acoustics.plate_edge import free_edge_delay
+from polymap_ros.errors import SceneError
 from polymap_ros.geometry.lines import polygon_lines
+from polymap_ros.geometry.outline import is_convex
+from polymap_ros.simulation.bent_edges import BentOutline
 from polymap_ros.simulation.propagation import Way
 from polymap_ros.specification import Group, parameter
 
@@ -31,6 +35,36 @@ class Edges(Group):
                                   minimum=0.0, maximum=180.0)
     delay_s: float = parameter(0.0, 'by how much every reflection delays the wave, whatever its frequency: a coating',
                                unit='s', minimum=-1.0, maximum=1.0)
+    curvature_1_m: float = parameter(
+        0.0, 'curvature of one edge, which touches the straight one in its middle; above 0 the plate bulges there',
+        unit='1/m', minimum=-1.0, maximum=1.0)
+    curved_edge: int = parameter(0, 'the edge that is curved, counted from 0, counter-clockwise', minimum=0,
+                                 maximum=1000)
+    corner_radius_m: float = parameter(0.0, 'radius by which all corners are rounded', unit='m', minimum=0.0,
+                                       maximum=10.0)
+
+    @property
+    def are_bent(self) -> bool:
+        """Whether an edge is curved or corners are rounded."""
+        return self.curvature_1_m != 0.0 or self.corner_radius_m != 0.0
+
+    def check_outline(self, vertices: NDArray[np.float64], anisotropic: bool) -> None:
+        """Raise `SceneError` where a polygon (n, 2) cannot be bent so, or not in such a medium."""
+        if not self.are_bent:
+            return
+        if anisotropic or not is_convex(vertices):
+            raise SceneError('edges.curvature_1_m and edges.corner_radius_m act in convex outlines, without '
+                             'propagation.anisotropy, only; leave them out')
+        if self.curvature_1_m and self.curved_edge >= len(vertices):
+            raise SceneError(f'edges.curved_edge must be below {len(vertices)}, the number of edges, found '
+                             f'{self.curved_edge}')
+        if not self.outline(vertices).leaves_edges:
+            raise SceneError(f'edges.corner_radius_m {self.corner_radius_m:g} leaves nothing of an edge; take less')
+
+    def outline(self, vertices: NDArray[np.float64]) -> BentOutline:
+        """Return the outline of a polygon (n, 2) [m] with the curved edge and the rounded corners."""
+        curvature = np.where(np.arange(len(vertices)) == self.curved_edge, self.curvature_1_m, 0.0)
+        return BentOutline(vertices, curvature, self.corner_radius_m)
 
 
 def delays(

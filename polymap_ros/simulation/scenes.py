@@ -170,6 +170,7 @@ class Scene:
                 raise SceneError(f'edge_fading does not go with {name}; leave out one of them')
             if self.has_inside:
                 raise SceneError(f'{name} acts in scenes without holes and inner_walls only; leave out one of them')
+        self.edges.check_outline(self.vertices, bool(self.propagation.anisotropy))
         self._check_sequences()
         self._check_size()
 

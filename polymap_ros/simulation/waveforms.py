@@ -105,16 +105,27 @@ def _over_walls(
     """Lengths, amplitudes and orders of the paths over walls, and of the straight one, which is of order 0."""
     stretch = scene.propagation.stretch
     vertices, source, end = scene.vertices @ stretch, stretch @ emitter, stretch @ receiver
-    images = visible_images(vertices, source, scene.order, scene.reflection, end)
-    length, amplitude = images.distance_m, images.amplitude.astype(complex)
-    if scene.edges != Edges() or scene.propagation.anisotropy or scene.faults.directivity:
+    if scene.edges.are_bent:
+        outline = scene.edges.outline(vertices)
+        amplitude, found = outline.paths(source, end, scene.order, np.asarray(scene.reflection))
+        length, order = np.empty(len(found)), np.array([len(way.walls) for way in found], np.int64)
+    else:
+        images = visible_images(vertices, source, scene.order, scene.reflection, end)
+        length, amplitude, order = images.distance_m, images.amplitude.astype(complex), images.order
+        found = ways(images, vertices, end) if _needs_ways(scene) else []
+    if found:
         back = np.linalg.inv(stretch)
-        found = [way._replace(points=way.points @ back) for way in ways(images, vertices, end)]
+        found = [way._replace(points=way.points @ back) for way in found]
         length = np.array([scene.propagation.length_m(way.legs) for way in found])
         delay = delays(scene.edges, scene.generator(EDGES_STREAM), scene.vertices, found)
         amplitude = amplitude * directed(scene.faults, yaw, found) * np.exp(-1j * delay)
     apart_m = float(np.hypot(*(receiver - emitter)))
-    return np.append(length, apart_m), np.append(amplitude, 1.0), np.append(images.order, 0)
+    return np.append(length, apart_m), np.append(amplitude, 1.0), np.append(order, 0)
+
+
+def _needs_ways(scene: Scene) -> bool:
+    """Whether more than the length of a path counts."""
+    return bool(scene.edges != Edges() or scene.propagation.anisotropy or scene.faults.directivity)
 
 
 def _heard_among_all(scene: Scene) -> list[Arrivals]:

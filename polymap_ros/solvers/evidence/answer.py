@@ -107,7 +107,7 @@ class Findings:
         gap = self._gap(certainty, found)
         if self.straight and (gap or min(certainty.likelihood) < CERTAIN):
             return self.open()
-        candidate = _ring(found.lines, 0, certainty, self.search.data.positions)
+        candidate = _curved(_ring(found.lines, 0, certainty, self.search.data.positions), found.walls, certainty)
         cautions = (*self.straight, *self._cautions(found, certainty))
         answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions,
                           storey=found.storey)
@@ -137,6 +137,9 @@ class Findings:
             cautions.append(wording.corners_unheard(self.unheard))
         if leaves_much(self.search, found):
             cautions.append(wording.unexplained(found.explained, len(found.lines), self.search.max_edges))
+        if len(certainty.curvature_std):
+            _, corners = corners_of(found.lines)
+            cautions.append(wording.curved_edges(found.walls.curvature, certainty.curvature_std, corners))
         cautions += _dispersion(self.search)
         if found.wave is None and self.search.coherent:
             cautions.append(wording.incoherent())
@@ -222,6 +225,15 @@ def _ring(
     pings, covariance = feet_on_edges(corners, positions, in_front=True), certainty.covariance[own, own]
     edges = tuple(_edge(line, first + k, certainty, int(pings[k])) for k, line in enumerate(lines))
     return Candidate(corners, edges, covariance)
+
+
+def _curved(straight: Candidate, walls: Walls, certainty: Certainty) -> Candidate:
+    """Return a polygon with the curvatures of its edges, where they have any."""
+    edges = list(straight.edges)
+    for k in np.flatnonzero(walls.curvature[:len(edges)]):
+        edges[k] = dataclasses.replace(edges[k], curvature=float(walls.curvature[k]),
+                                       curvature_std=float(certainty.curvature_std[k]))
+    return dataclasses.replace(straight, edges=tuple(edges))
 
 
 def _edge(line: NDArray[np.float64], wall: int, certainty: Certainty, pings: int) -> Edge:

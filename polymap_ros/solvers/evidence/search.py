@@ -17,6 +17,7 @@ from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import EdgePhase, laws
 from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.curve import curve_wall, in_the_middle
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import look_for_faint
 from polymap_ros.solvers.evidence.moves.hole import with_hole
@@ -222,10 +223,11 @@ class Search(Ground):
                 break
             wave = slipped(self, wave, np.arange(len(wave.walls)))
         if (share := 0.0 if wave is None else self.explained(wave, IN_VAIN)) < IN_VAIN - self.uncertainty:
-            late = wave and delay_envelopes(self, Standing(power, wave, share))
-            if late is None and self.has_other_cause(power):
+            standing = wave and Standing(power, wave, share)
+            better = standing and (curve_wall(self, standing) or delay_envelopes(self, standing))
+            if better is None and self.has_other_cause(power):
                 return None
-            wave = late or wave
+            wave = better or wave
         found = None
         if wave is not None and wave.value >= COHERENT * power.value:
             found = self.changed(power, wave)
@@ -300,6 +302,7 @@ class Search(Ground):
     def judged(self, power: Power, wave: Wave | None, enough: float = np.inf) -> Found | None:
         """Return what a polygon explains of the echoes' power, and what it is worth."""
         if wave is not None:
+            wave = in_the_middle(self, wave)
             value = wave.value - PRICE * len(wave.walls)
             return Found(power.with_walls(wave.walls, wave.storey), wave, self.explained(wave, enough), value)
         fitted = self.power.fitted(power.walls, power, FULL_ORDER)

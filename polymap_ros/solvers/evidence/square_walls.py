@@ -44,7 +44,7 @@ class SquareWalls(Walls):
             return super().with_outline(lines, reflection)
         _, group = np.unique(np.concatenate((-1 - np.arange(len(lines)), inner)), return_inverse=True)
         other = super().with_outline(lines, reflection)
-        return SquareWalls(other.lines, other.reflection, other.delay, other.interior, group)
+        return SquareWalls(other.lines, other.reflection, other.delay, other.interior, group=group)
 
     def with_line(self, line: NDArray[np.float64], reflection: float = 1.0) -> Walls:  # type: ignore[override]
         """Return the walls and one more, each by itself: it belongs to no group."""
@@ -104,7 +104,7 @@ def free(walls: Walls) -> Walls:
     """Return the same walls, each by itself."""
     if not isinstance(walls, SquareWalls):
         return walls
-    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior)
+    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior, walls.bend)
 
 
 def tied_hole(walls: Walls, lines: NDArray[np.float64]) -> SquareWalls:
@@ -113,7 +113,7 @@ def tied_hole(walls: Walls, lines: NDArray[np.float64]) -> SquareWalls:
     What few feet know of one of them, the others know better.
     """
     known = walls.group if isinstance(walls, SquareWalls) else np.arange(len(walls))
-    tied = SquareWalls(walls.lines, walls.reflection, walls.delay, walls.interior, known)
+    tied = SquareWalls(walls.lines, walls.reflection, walls.delay, walls.interior, walls.bend, known)
     return tied.with_hole(lines)
 
 
@@ -146,4 +146,4 @@ def squared(walls: Walls) -> SquareWalls | None:
     moved = group != np.arange(len(lines))
     moved |= np.isin(np.arange(len(lines)), group[moved])
     lines[moved, 0] = np.einsum('ij,ij->i', middles, turned)[moved]
-    return SquareWalls(np.ascontiguousarray(lines), walls.reflection, walls.delay, group=numbers)
+    return SquareWalls(np.ascontiguousarray(lines), walls.reflection, walls.delay, bend=walls.bend, group=numbers)

@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.curved import curved_sides
 from polymap_ros.geometry.lines import moved_lines, polygon_lines
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.sides import NOTHING, Interior, Sides, sides_of
@@ -48,23 +49,27 @@ class Walls:
         How much more each of them delays the phase than all do [rad] (`edge_phase`); empty where none does.
     interior : Interior
         Which of the last lines are of holes, and of inner walls.
+    bend : ndarray, shape (n, 2)
+        How they are curved (`geometry.curved`), of a convex outline; empty where all are straight.
     """
 
     lines: NDArray[np.float64]
     reflection: NDArray[np.float64]
     delay: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     interior: Interior = NOTHING
+    bend: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
 
     @classmethod
     def convex(
         cls, lines: NDArray[np.float64], reflection: NDArray[np.float64] | float = 1.0,
-        delay: NDArray[np.float64] | None = None,
+        delay: NDArray[np.float64] | None = None, bend: NDArray[np.float64] | None = None,
     ) -> Self:
         """Return walls in the order of a convex outline, with one coefficient or one for each."""
         order = np.argsort(lines[:, 1], kind='stable')
         coefficients = np.broadcast_to(np.asarray(reflection, dtype=float), (len(lines),))
         own = delay[order] if delay is not None and len(delay) else np.empty(0)
-        return cls(np.ascontiguousarray(lines[order]), coefficients[order], own)
+        bent = bend[order] if bend is not None and len(bend) else np.empty((0, 2))
+        return cls(np.ascontiguousarray(lines[order]), coefficients[order], own, bend=bent)
 
     @classmethod
     def of_polygon(cls, vertices: NDArray[np.float64]) -> Self:
@@ -110,12 +115,18 @@ class Walls:
 
     def sides(self, soft_m: float, shortest_m: float) -> tuple[bool, Sides]:
         """Return the sides that reflect, and whether the walls are an outline with what is in it (`sides_of`)."""
-        return sides_of(self.lines, self.interior, soft_m, shortest_m)
+        bound, sides = sides_of(self.lines, self.interior, soft_m, shortest_m)
+        return bound, curved_sides(sides, self.bend) if sides.convex and len(self.bend) else sides
 
     @property
     def loss(self) -> NDArray[np.float64]:
         """ln |rho| (n,); 0 for a silent wall, whose coefficient stays."""
         return np.where(self.silent, 0.0, np.log(np.maximum(np.abs(self.reflection), _LEAST_REFLECTION)))
+
+    @property
+    def curvature(self) -> NDArray[np.float64]:
+        """Curvatures (n,) [1/m]; above 0 where the room bulges."""
+        return self.bend[:, 0] if len(self.bend) else np.zeros(len(self))
 
     @property
     def silent(self) -> NDArray[np.bool_]:
@@ -134,6 +145,7 @@ class Walls:
         lines = np.ascontiguousarray(np.delete(self.lines, wall, 0))
         return replace(self, lines=lines, reflection=np.delete(self.reflection, wall),
                        delay=np.delete(self.delay, wall) if len(self.delay) else self.delay,
+                       bend=np.delete(self.bend, wall, 0) if len(self.bend) else self.bend,
                        interior=self._interior_without(wall))
 
     def without_hole(self, hole: int) -> Self:
@@ -171,10 +183,11 @@ class Walls:
         return replace(longer, interior=Interior(np.append(holes, len(lines)), spans))
 
     def _longer(self, lines: NDArray[np.float64], reflection: float, at: int) -> Self:
-        """Return the walls and others before wall `at`."""
+        """Return the walls and others before wall `at`, all of them straight."""
         return replace(self, lines=np.ascontiguousarray(np.insert(self.lines, at, lines, 0)),
                        reflection=np.insert(self.reflection, at, np.full(len(lines), reflection)),
-                       delay=np.insert(self.delay, at, np.zeros(len(lines))) if len(self.delay) else self.delay)
+                       delay=np.insert(self.delay, at, np.zeros(len(lines))) if len(self.delay) else self.delay,
+                       bend=np.empty((0, 2)))
 
     def silenced(self, wall: int) -> Self:
         """Return the walls with one of them silent."""
@@ -185,7 +198,8 @@ class Walls:
     def with_line(self, line: NDArray[np.float64], reflection: float = 1.0) -> Self:
         """Return a convex outline's walls and one more."""
         delay = np.append(self.delay, 0.0) if len(self.delay) else None
-        return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay)
+        bend = np.vstack((self.bend, np.zeros(2))) if len(self.bend) else None
+        return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay, bend)
 
     def with_outline(self, lines: NDArray[np.float64], reflection: NDArray[np.float64]) -> 'Walls':
         """Return what stands inside in another outline, the lines of which (m, 2) are in their order."""
@@ -207,10 +221,10 @@ class Walls:
     def seen_from(self, frame: Pose) -> Self:
         """Return the same walls, seen from the frame in which `frame` is their own origin."""
         lines, (holes, spans) = moved_lines(self.lines, frame), self.interior
-        theta = lines[len(lines) - len(spans):, 1]
-        ahead = frame.y * np.cos(theta) - frame.x * np.sin(theta)
-        moved = Interior(holes, spans + ahead[:, None] * np.array((1.0, 1.0, 0.0)))
-        return replace(self.on(lines), interior=moved)
+        ahead = frame.y * np.cos(lines[:, 1]) - frame.x * np.sin(lines[:, 1])
+        moved = Interior(holes, spans + ahead[len(lines) - len(spans):, None] * np.array((1.0, 1.0, 0.0)))
+        bend = self.bend + ahead[:len(self.bend), None] * np.array((0.0, 1.0))
+        return replace(self.on(lines), interior=moved, bend=bend)
 
     def on(self, lines: NDArray[np.float64]) -> Self:
         """Return the same walls on other lines."""

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polymap_ros.cautions import CAUTIONS, Caution, in_metres
 from polymap_ros.geometry.lines import wrapped
@@ -253,6 +254,22 @@ def medium_uneven(faster: tuple[float, float], by_direction: tuple[float, float]
         told.append(f'waves are faster by {by_direction[0]:.3%} (+-{by_direction[1]:.3%}) at {from_edge_deg:.0f} deg '
                     'from edge 0, counter-clockwise, and as much slower across')
     return Caution('medium_uneven', '; '.join(told) or 'the medium is all but even')
+
+
+def curved_edges(
+    curvature: NDArray[np.float64], deviation: NDArray[np.float64], corners: NDArray[np.float64]
+) -> Caution:
+    """Say which edges of a polygon (n, 2) are curved, by curvatures (n,) [1/m] with their deviations, and how far that
+    is from straight.
+    """
+    told = []
+    lengths = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    for edge in np.flatnonzero(curvature):
+        radius, sag = 1.0 / abs(curvature[edge]), abs(curvature[edge]) * lengths[edge] ** 2 / 8.0
+        side = 'outwards' if curvature[edge] > 0.0 else 'inwards'
+        told.append(f'edge {edge} bulges {side}: a radius of {radius:.3g} m (+-{deviation[edge] * radius**2:.2g} m), '
+                    f'{in_metres(sag)} from its middle to its ends')
+    return Caution('curved_edge', '; '.join(told))
 
 
 def pulse_adapted(explained: float) -> Caution:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from polymap_ros.solvers.evidence.edge_phase import COMMON
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.louder import with_louder
+from polymap_ros.solvers.evidence.moves.parabola import Changed, at_best, follow_covariance
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.tuning import (
@@ -40,9 +41,8 @@ _POLISH_BRINGS = 0.1
 _AS_MUCH = 1.0 - 1e-6
 """Share of a value from which two are one."""
 
-_DELAY_STEP, _AHEAD, _TOPS = 0.03, 4.0, 6
-"""Cycles of range between the delays that a parabola is drawn through, so many of these steps at most to its top, and
-so many parabolas at most."""
+_DELAY_STEP = 0.03
+"""Cycles of range between the delays that a parabola is drawn through."""
 
 
 def delay_envelopes(ground: Ground, standing: Standing) -> Wave | None:
@@ -120,44 +120,16 @@ def _in_phase(ground: Ground, begun: Wave) -> Wave | None:
 
 def _at_best_delay(ground: Ground, wave: Wave) -> Wave:
     """Return the waveform with the delay that fits best, which all else follows."""
-    step_m = _DELAY_STEP * ground.cycle_m
-    for _ in range(_TOPS):
-        top = _at_the_top(ground, wave, step_m)
-        gain, wave = top.value - wave.value, top
-        if gain < DIFFERENT:
-            break
-    return wave
-
-
-def _at_the_top(ground: Ground, wave: Wave, step_m: float) -> Wave:
-    """Return the waveform where a parabola over delays has its top, which all else follows."""
-    ground.checkpoint()
-    before, after = (_refined_at(ground, wave, more_m) for more_m in (-step_m, step_m))
-    if before is None or after is None:
-        return wave
-    found = [wave, before, after]
-    bend = before.value + after.value - 2.0 * wave.value
-    if bend < 0.0:
-        ahead = float(np.clip(0.5 * (before.value - after.value) / bend, -_AHEAD, _AHEAD)) * step_m
-        top = _refined_at(ground, wave, ahead)
-        found += [top] if top else []
-    return max(found, key=lambda each: each.value)
+    return at_best(ground, wave, _by_carrier(ground), _DELAY_STEP * ground.cycle_m)
 
 
 def delay_covariance(ground: Ground, wave: Wave) -> NDArray[np.float64]:
     """Return what the delay, known as well as the echoes tell it, adds to the covariance (2 n, 2 n) of the lines."""
-    step_m, size = _DELAY_STEP * ground.cycle_m, 2 * len(wave.walls)
-    before, after = (_refined_at(ground, wave, more_m) for more_m in (-step_m, step_m))
-    if before is None or after is None:
-        return np.zeros((size, size))
-    bend = max(2.0 * wave.value - before.value - after.value, DIFFERENT)
-    follow = ((after.walls.lines - before.walls.lines) / (2.0 * step_m)).ravel()
-    return np.asarray(step_m**2 / bend * np.outer(follow, follow))
+    return follow_covariance(ground, wave, _by_carrier(ground), _DELAY_STEP * ground.cycle_m)[1]
 
 
-def _refined_at(ground: Ground, wave: Wave, more_m: float) -> Wave | None:
-    """Return a waveform with so much more delay, all else at its best."""
-    return ground.wave.refine(_delayed(wave, more_m, ground.data.pulse.carrier), FULL_ORDER)
+def _by_carrier(ground: Ground) -> Changed:
+    return lambda wave, more_m: _delayed(wave, more_m, ground.data.pulse.carrier)
 
 
 def _delayed(wave: Wave, more_m: float, carrier: float) -> Wave:

@@ -1,0 +1,218 @@
+"""A wall that is curved a little: its first echoes turn along it as a straight one's do not."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.paths import first_orders
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.parabola import at_best, follow_covariance
+from polymap_ros.solvers.evidence.moves.standing import Standing
+from polymap_ros.solvers.evidence.tuning import (
+    ALL_EXPLAINED,
+    EDGE_PRICE,
+    EXPLAINED,
+    FULL_ORDER,
+    SEARCH_ORDER,
+    STILL_LEFT,
+)
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.waveform import Wave
+
+_STEP_CYCLES = 0.125
+"""Cycles of range between what is tried, at a wall's end: its echoes turn by 45 degrees there."""
+
+_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS = 9, 5, 6
+"""So many steps to either side are tried: of how much a wall's ends fall back, by which it is turned, and by which it
+is shifted. Nine are 12 mm at 100 kHz in 6 mm of aluminium: a radius of 10 m over one metre, or of 40 m over two."""
+
+_HEARD_ALONG = 6
+"""First echoes from a wall, at least: three numbers are to be told from them."""
+
+_BY_ITSELF = 0.5
+"""Share of what a curve has to be worth that it has to gain with all else as it is, to be looked into."""
+
+_CENTRED = 2
+"""How often lines are turned to touch in the middle, which itself moves a hundredth as far."""
+
+_BEND_CYCLES = 0.02
+"""Cycles of range at a wall's end between the curvatures that a parabola is drawn through."""
+
+
+def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
+    """Return the waveform with a wall that is curved, or curved otherwise, where that is worth clearly more."""
+    wave = standing.wave
+    if not wave.walls.convex_outline or len(wave.storey):
+        return None
+    if (tuned := _tuned(ground, wave)) is not None:
+        return tuned
+    least = ground.least_gain(wave.value)
+    left = max(1.0 - EXPLAINED + ground.uncertainty, STILL_LEFT * (1.0 - standing.explained))
+    for wall, begun in _begun(ground, wave, least):
+        best = begun and at_best(ground, begun, _Curved(ground, wall), 1.0)
+        if best and best.value > wave.value + least and 1.0 - ground.explained(best, ALL_EXPLAINED) < left:
+            return best
+    return None
+
+
+def in_the_middle(ground: Ground, wave: Wave) -> Wave:
+    """Return the same waveform with lines that touch curved walls in the middles of the edges."""
+    walls = wave.walls
+    for _ in range(_CENTRED if len(walls.bend) else 0):
+        walls = _centred(ground, walls)
+    return replace(wave, walls=walls)
+
+
+def _begun(ground: Ground, wave: Wave, least: float) -> Iterator[tuple[int, Wave | None]]:
+    """Give the wall whose first echoes gain most by a curve, with that, and the one by which a little of it gains most.
+    """
+    bends = list(_bent(ground, wave))
+    wall, gain, walls = max(bends, key=lambda each: each[1], default=(0, 0.0, wave.walls))
+    if gain > 0.0:
+        yield wall, _in_phase(ground, wave.with_walls(walls))
+    ground.checkpoint()
+    gains = [(_gain(ground, wave, wall), wall) for wall, _, _ in bends]
+    if gains and max(gains)[0] > _BY_ITSELF * least:
+        straight = replace(wave.walls, bend=_straight(ground, wave.walls))
+        yield max(gains)[1], ground.wave.refine(wave.with_walls(straight), FULL_ORDER)
+
+
+def _gain(ground: Ground, wave: Wave, wall: int) -> float:
+    """Return what a wall's curvature gains with all else as it is, by a parabola and a part of the pings."""
+    curved = _Curved(ground, wall)
+    begun = replace(wave, walls=replace(wave.walls, bend=_straight(ground, wave.walls)))
+    here, *beside = (ground.few_wave.evaluate(each.walls, each, FULL_ORDER)
+                     for each in (begun, curved(begun, -1.0), curved(begun, 1.0)))
+    if here is None or beside[0] is None or beside[1] is None:
+        return 0.0
+    slope, bend = beside[1].value - beside[0].value, 2.0 * here.value - beside[0].value - beside[1].value
+    return ground.share * (abs(slope) if bend <= 0.0 else 0.125 * slope**2 / bend)
+
+
+def _straight(ground: Ground, walls: Walls) -> NDArray[np.float64]:
+    """Return how walls are curved (n, 2), those that are straight not at all, in their middles."""
+    return walls.bend if len(walls.bend) else np.column_stack((np.zeros(len(walls)), _middles(ground, walls)))
+
+
+def _middles(ground: Ground, walls: Walls) -> NDArray[np.float64]:
+    """Return where along their lines the edges (n,) have their middles [m]."""
+    straight = replace(walls, bend=np.empty((0, 2)))
+    _, sides = straight.sides(ground.data.soft_m, ground.data.shortest_m)
+    return np.asarray(0.5 * (sides.rows[:, 3] + sides.rows[:, 4]))
+
+
+def _in_phase(ground: Ground, begun: Wave) -> Wave | None:
+    """Return a waveform with its walls at their best, from the first order up: all of them may be off by the curve."""
+    ground.checkpoint()
+    wave: Wave | None = begun
+    for order in (1, SEARCH_ORDER, FULL_ORDER):
+        wave = wave and ground.wave.refine(wave, order)
+    return wave
+
+
+def curvature_covariance(ground: Ground, wave: Wave) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the deviations of the walls' curvatures (n,) [1/m], and what those that are not 0 add to the covariance
+    (2 n, 2 n) of the lines.
+    """
+    n = len(wave.walls)
+    deviations, covariance = np.zeros(n), np.zeros((2 * n, 2 * n))
+    for wall in np.flatnonzero(wave.walls.curvature):
+        curved = _Curved(ground, int(wall))
+        variance, more = follow_covariance(ground, wave, curved, 1.0)
+        deviations[wall] = np.sqrt(variance) * curved.step(wave.walls)
+        covariance += more
+    return deviations, covariance
+
+
+@dataclass(frozen=True)
+class _Curved:
+    """A wall, curved more: in units in which the echoes of its ends turn by as much in every wall."""
+
+    ground: Ground
+    wall: int
+
+    def __call__(self, wave: Wave, more: float) -> Wave:
+        """Return the waveform with so much more curvature, the wall shifted so that it stays where it is on average."""
+        walls, half = wave.walls, _half_lengths(self.ground, wave.walls)[self.wall]
+        curvature = more * self.step(walls)
+        bend, lines = walls.bend.copy(), walls.lines.copy()
+        bend[self.wall, 0] += curvature
+        lines[self.wall, 0] += curvature * half**2 / 6.0
+        return replace(wave, walls=replace(walls.on(lines), bend=bend), slopes=None)
+
+    def step(self, walls: Walls) -> float:
+        """Return a unit [1/m]."""
+        return 2.0 * _BEND_CYCLES * self.ground.cycle_m / float(_half_lengths(self.ground, walls)[self.wall]) ** 2
+
+
+def _tuned(ground: Ground, wave: Wave) -> Wave | None:
+    """Return the waveform with all curvatures at their best, where that is worth anything."""
+    best = wave
+    for wall in np.flatnonzero(wave.walls.curvature):
+        best = at_best(ground, best, _Curved(ground, int(wall)), 1.0)
+    return best if best.value > wave.value + EDGE_PRICE else None
+
+
+def _centred(ground: Ground, walls: Walls) -> Walls:
+    """Return the same walls by other lines: those that touch them in the middles of the edges, but for the curvature's
+    square.
+    """
+    off = _middles(ground, walls) - walls.bend[:, 1]
+    turn = walls.bend[:, 0] * off
+    lines = walls.lines + np.column_stack((turn * (walls.bend[:, 1] + 0.5 * off), turn))
+    along = walls.bend[:, 1] + off - turn * walls.lines[:, 0]
+    return replace(walls.on(lines), bend=np.column_stack((walls.bend[:, 0], along)))
+
+
+def _half_lengths(ground: Ground, walls: Walls) -> NDArray[np.float64]:
+    _, sides = walls.sides(ground.data.soft_m, ground.data.shortest_m)
+    return np.asarray(0.5 * (sides.rows[:, 4] - sides.rows[:, 3]))
+
+
+def _bent(ground: Ground, wave: Wave) -> Iterator[tuple[int, float, Walls]]:
+    """Give each wall that is straight, how much more of its first echoes is in phase where it is curved as fits them
+    best, and the walls with that.
+    """
+    data, walls = ground.data, wave.walls
+    _, sides = walls.sides(data.soft_m, data.shortest_m)
+    bend = _straight(ground, walls)
+    each_way = (_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS)
+    steps = [_STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in each_way]
+    sag, turn, shift = np.meshgrid(*steps, indexing='ij')
+    for wall, line in enumerate(walls.lines):
+        low, high = sides.rows[wall, 3:5]
+        half = 0.5 * (high - low)
+        _, along = first_orders(line, data.positions, data.baselines)
+        pings = np.flatnonzero((along > low) & (along < high))
+        if bend[wall, 0] != 0.0 or len(pings) < _HEARD_ALONG:
+            continue
+        place = (along[pings] - bend[wall, 1]) / half
+        farther = np.multiply.outer(shift + sag / 3.0, np.ones(len(pings))) - np.multiply.outer(sag, place**2)
+        heard = _first_echoes(ground, wave, line, pings, farther + np.multiply.outer(turn, place))
+        at = np.unravel_index(int(np.argmax(heard)), heard.shape)
+        bent, lines = bend.copy(), walls.lines.copy()
+        bent[wall, 0] = 2.0 * sag[at] / half**2
+        # With r = x cos(theta) + y sin(theta), a turn moves r by the place along the wall about which it is.
+        angle = -turn[at] / half
+        lines[wall] += shift[at] + sag[at] / 3.0 + bend[wall, 1] * angle, angle
+        yield wall, float(heard[at] - heard[_SAG_STEPS].max()), replace(walls.on(lines), bend=bent)
+
+
+def _first_echoes(
+    ground: Ground, wave: Wave, line: NDArray[np.float64], pings: NDArray[np.intp], farther: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return how much of some pings' signals, in phase with the device, is as far as a wall's first echoes, which are
+    farther by (..., n) [m].
+    """
+    data, pulse = ground.data, ground.data.pulse
+    away, _ = first_orders(line, data.positions, data.baselines)
+    far = away[pings] + farther
+    cell = np.clip(far / pulse.step_m, 0.0, data.signal.shape[1] - 2.0)
+    low = cell.astype(int)
+    share = cell - low
+    signal = (1.0 - share) * data.signal[pings, low] + share * data.signal[pings, low + 1]
+    turned = signal * np.exp(1j * (2.0 * pulse.carrier * far + wave.edge.head_on - wave.phase))
+    return np.asarray(np.abs(np.sum(turned.real * away[pings] ** -data.spreading, axis=-1)))
+

@@ -1,0 +1,53 @@
+"""Walls that are curved a little, found in echoes that the simulator makes by other means."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from polymap_ros.evaluation.trials import filled_mapper, judged
+from polymap_ros.evaluation.variants import VARIANTS
+from polymap_ros.geometry.pose import Pose
+from polymap_ros.parameters import Parameters
+from polymap_ros.results.polygon_json import polygon_document
+from polymap_ros.simulation.edges import Edges
+from polymap_ros.simulation.random_scenes import random_scene
+
+
+def solved(scene):
+    mapper = filled_mapper(scene, Parameters())
+    return mapper, mapper.solve()
+
+
+@pytest.mark.parametrize(('seed', 'edges', 'radius_m'), [(4, 6, 100.0), (4, 6, -20.0), (2, 4, 20.0)])
+def test_a_curved_wall_is_found_and_told(seed, edges, radius_m):
+    bent = Edges(curvature_1_m=1.0 / radius_m, curved_edge=seed % edges)
+    scene = dataclasses.replace(random_scene(seed, edges), edges=bent)
+    mapper, answer = solved(scene)
+    trial = judged(answer, scene, 'evidence', 0.0)
+    assert trial.right
+    assert trial.cautions == ('curved_edge',)
+    assert max(trial.offsets_m) < 2e-4
+    curved = [edge for edge in answer.polygon.edges if edge.curvature]
+    assert len(curved) == 1
+    assert curved[0].curvature == pytest.approx(1.0 / radius_m, rel=0.1)
+    document = polygon_document(answer, 'odom', mapper.counts, mapper.parameters)
+    told = [edge for edge in document['edges'] if 'curvature' in edge]
+    assert [edge['curvature'] for edge in told] == [curved[0].curvature]
+    assert told[0]['curvature_std'] > 0.0
+    side = 'outwards' if radius_m > 0.0 else 'inwards'
+    assert f'bulges {side}: a radius of {1.0 / abs(curved[0].curvature):.3g} m' in document['warnings'][0]['text']
+    moved = answer.polygon.moved(Pose(1.0, 2.0, 3.0))
+    assert [edge.curvature for edge in moved.edges] == [edge.curvature for edge in answer.polygon.edges]
+
+
+def test_a_straight_plate_has_no_curved_wall():
+    _, answer = solved(random_scene(4, 6))
+    assert all(edge.curvature == 0.0 and edge.curvature_std is None for edge in answer.polygon.edges)
+
+
+@pytest.mark.parametrize('variant', ['curved_20', 'curved_100'])
+def test_variants_bend_one_edge(variant):
+    bends = {float(VARIANTS[variant].make(seed, 5).edges.curvature_1_m) for seed in range(8)}
+    assert len(bends) == 2
+    np.testing.assert_allclose(np.abs(sorted(bends)), 1.0 / float(variant.split('_')[1]))
