@@ -5,26 +5,34 @@ front of it, so that with c above 0 the room bulges. A path over it is where the
 each side is stationary, found by Newton's method from where straight sides reflect it.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
+from polymap_ros.geometry.image_sources import faded
 from polymap_ros.geometry.sides import Sides
-from polymap_ros.jit import kernel, within_kernels
+from polymap_ros.jit import kernel
 
-_UNBENT_STEPS = 3
-"""Steps of Newton's method: a wall of a metre with a radius of 20 m moves points by centimetres; after three steps half
-a path's length is right to a nanometre (`test_curved`)."""
+_UNBENT_STEPS, _AT_REST_M, _SHORTEST_LEG_M = 16, 1e-6, 1e-12
+"""Steps of Newton's method, after the last of which no point moves by more than this: that is three or four but where a
+path is reflected beside a corner. Legs are as long at least."""
 
-_LONGER = 0.1
-"""By this share of its length a curved outline's side is taken to be longer, at each end, where images are looked for:
-its paths may be where those of straight sides miss by as much."""
+_OF_LEG = 0.5
+"""Share of its shortest leg by which points of a path are moved in a step, at most."""
+
+_LONGER = 4.0
+"""Sides of an outline are taken to be longer, at each end, where images are looked for, by so many times the length of
+the longest and twice the slope at the ends of one that is curved: a path that it reflects twice, in five reflections,
+is aside by as much from that over straight sides."""
 
 
 @kernel
 def curved_sides(sides: Sides, bend: NDArray[np.float64]) -> Sides:
     """Return the sides of a convex outline with curvatures [1/m] and where they touch their lines [m], (n, 2).
 
-    Their ends are where they meet, to the first order.
+    The rows are longer, those of straight sides over which images are looked for; beside the curvature stands where
+    curved ones end: where they meet, to the first order.
     """
     rows, n = sides.rows.copy(), len(sides.rows)
     for one in range(n):
@@ -36,29 +44,96 @@ def curved_sides(sides: Sides, bend: NDArray[np.float64]) -> Sides:
         before, after = 0.5 * bend[one, 0] * end * end, 0.5 * bend[two, 0] * start * start
         rows[one, 4] += (before * cosine - after) / sine
         rows[two, 3] += (before - after * cosine) / sine
+    curved = np.column_stack((bend, rows[:, 3:5]))
+    lengths = sides.rows[:, 4] - sides.rows[:, 3]
+    longer = _LONGER * np.max(np.abs(bend[:, 0]) * lengths) * np.max(lengths)
     for one in range(n):
-        longer = _LONGER * (sides.rows[one, 4] - sides.rows[one, 3])
+        rows[one, 3], rows[one, 4] = sides.rows[one, 3] - longer, sides.rows[one, 4] + longer
         rows[one, 5] += longer * rows[one, 1]
         rows[one, 6] -= longer * rows[one, 0]
         rows[one, 7] -= longer * rows[one, 1]
         rows[one, 8] += longer * rows[one, 0]
-    return Sides(rows, sides.corners, sides.wall, sides.forward, sides.passed, bend, sides.convex)
+    return Sides(rows, sides.corners, sides.wall, sides.forward, sides.passed, curved, sides.convex)
 
 
-@within_kernels
+class Curved(NamedTuple):
+    """Room for paths over curved sides, as of `geometry.paths.Paths`."""
+
+    half: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    hits: NDArray[np.int64]
+    bounces: NDArray[np.int64]
+    walls: NDArray[np.int64]
+    slopes: NDArray[np.float64]
+    moves: NDArray[np.float64]
+
+
+@kernel
 def over_curves(
-    sides: Sides, ends: NDArray[np.float64], hits: int, derive: bool, sequence: NDArray[np.int64],
-    along: NDArray[np.float64], slopes: NDArray[np.float64], moves: NDArray[np.float64],
-) -> tuple[float, float]:
-    """Return half a path's length in the plane, and how far inside the ends of its sides it stays.
+    sides: Sides, ends: NDArray[np.float64], soft: float, count: int, paths: Curved
+) -> int:
+    """Fill `paths`, of which the first `count` have the sides that they meet, and return how many of them there are.
 
-    `ends` are those of `trace_paths`; `along` (hits,) is where straight sides, by their `sequence`, reflect it, from
-    the foot of the origin, and is changed to where curved ones do; `slopes` and `moves` are filled if to `derive`.
+    `ends` and `soft` are those of `trace_paths`.
     """
-    rows, bend = sides.rows, sides.bend
+    up, order, kept = 0.25 * ends[4] * ends[4], paths.walls.shape[1], 0
+    for m in range(count):
+        hits = 0
+        while hits < order and paths.walls[m, hits] >= 0:
+            hits += 1
+        along = _reflected(sides.rows, ends, paths.walls[m, :hits])
+        slopes, moves = paths.slopes[kept], paths.moves[kept]
+        flat, inside, focused = _settled(sides, ends, paths.walls[m, :hits], along, slopes, moves)
+        weight = focused * faded(inside, soft)
+        if weight > 0.0:
+            paths.half[kept], paths.hits[kept], paths.weight[kept] = np.sqrt(flat * flat + up), hits, weight
+            paths.walls[kept], paths.bounces[kept] = paths.walls[m], 0
+            if up > 0.0:
+                slopes[:hits] *= flat / paths.half[kept]
+                moves *= flat / paths.half[kept]
+            kept += 1
+    return kept
+
+
+@kernel
+def _reflected(
+    rows: NDArray[np.float64], ends: NDArray[np.float64], sequence: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return where along straight sides (hits,) a path is reflected, from the foot of the origin."""
+    hits = len(sequence)
+    images, along = np.empty((hits + 1, 2)), np.empty(hits)
+    images[0, 0], images[0, 1] = ends[0], ends[1]
+    for k in range(hits):
+        c, s, r = rows[sequence[k], 0], rows[sequence[k], 1], rows[sequence[k], 2]
+        away = 2.0 * (r - images[k, 0] * c - images[k, 1] * s)
+        images[k + 1, 0], images[k + 1, 1] = images[k, 0] + away * c, images[k, 1] + away * s
+    x, y = ends[2], ends[3]
+    for k in range(hits - 1, -1, -1):
+        c, s, r = rows[sequence[k], 0], rows[sequence[k], 1], rows[sequence[k], 2]
+        dx, dy = images[k + 1, 0] - x, images[k + 1, 1] - y
+        towards = dx * c + dy * s
+        ahead = (r - x * c - y * s) / (towards if towards != 0.0 else _SHORTEST_LEG_M)
+        x, y = x + ahead * dx, y + ahead * dy
+        along[k] = y * c - x * s
+    return along
+
+
+@kernel
+def _settled(
+    sides: Sides, ends: NDArray[np.float64], sequence: NDArray[np.int64], along: NDArray[np.float64],
+    slopes: NDArray[np.float64], moves: NDArray[np.float64],
+) -> tuple[float, float, float]:
+    """Return half a path's length in the plane, how far inside the ends of its sides it stays, and what their curvature
+    makes of its amplitude: the root of how much wider a straight tube of rays is.
+
+    `along` (hits,) is where straight sides reflect it, and is changed to where curved ones do; the derivatives `slopes`
+    and `moves` are filled.
+    """
+    rows, bend, hits = sides.rows, sides.bend, len(sequence)
     points, tangents, unit = np.empty((hits + 2, 2)), np.empty((hits, 2)), np.empty((hits + 1, 2))
     length, slope, diagonal, beside = np.empty(hits + 1), np.empty(hits), np.empty(hits), np.empty(hits)
     points[0, 0], points[0, 1], points[hits + 1, 0], points[hits + 1, 1] = ends[0], ends[1], ends[2], ends[3]
+    moved = np.inf
     for step in range(_UNBENT_STEPS + 1):
         for k in range(hits):
             c, s, r = rows[sequence[k], 0], rows[sequence[k], 1], rows[sequence[k], 2]
@@ -68,9 +143,9 @@ def over_curves(
             tangents[k, 0], tangents[k, 1] = -s - curvature * aside * c, c - curvature * aside * s
         for k in range(hits + 1):
             x, y = points[k + 1, 0] - points[k, 0], points[k + 1, 1] - points[k, 1]
-            length[k] = np.sqrt(x * x + y * y) + 1e-12
+            length[k] = np.sqrt(x * x + y * y) + _SHORTEST_LEG_M
             unit[k, 0], unit[k, 1] = x / length[k], y / length[k]
-        if step == _UNBENT_STEPS:
+        if step == _UNBENT_STEPS or moved < _AT_REST_M:
             break
         for k in range(hits):
             x, y = unit[k, 0] - unit[k + 1, 0], unit[k, 1] - unit[k + 1, 1]
@@ -85,24 +160,30 @@ def over_curves(
                 both = tangents[k, 0] * tangents[k + 1, 0] + tangents[k, 1] * tangents[k + 1, 1]
                 beside[k] = (after * on - both) / length[k + 1]
         if not _solved(diagonal, beside, slope):
-            return 0.0, -np.inf
-        for k in range(hits):
-            along[k] -= slope[k]
-    inside = np.inf
+            return 0.0, -np.inf, 1.0
+        moved = np.max(np.abs(slope))
+        along -= min(1.0, _OF_LEG * np.min(length) / max(moved, _SHORTEST_LEG_M)) * slope
+    inside = np.inf if moved < _AT_REST_M else -np.inf
+    wide, opening = length[0], 1.0
     for k in range(hits):
         wall = sequence[k]
-        inside = min(inside, along[k] - rows[wall, 3], rows[wall, 4] - along[k])
-        if derive:
-            x, y = 0.5 * (unit[k, 0] - unit[k + 1, 0]), 0.5 * (unit[k, 1] - unit[k + 1, 1])
-            slopes[k, 0] = x * rows[wall, 0] + y * rows[wall, 1]
-            slopes[k, 1] = y * points[k + 1, 0] - x * points[k + 1, 1]
-    if derive:
-        moves[0], moves[1] = -0.5 * unit[0, 0], -0.5 * unit[0, 1]
-        moves[2], moves[3] = 0.5 * unit[hits, 0], 0.5 * unit[hits, 1]
-    return 0.5 * np.sum(length), inside
+        inside = min(inside, along[k] - bend[wall, 2], bend[wall, 3] - along[k])
+        x, y = 0.5 * (unit[k, 0] - unit[k + 1, 0]), 0.5 * (unit[k, 1] - unit[k + 1, 1])
+        slopes[k, 0] = x * rows[wall, 0] + y * rows[wall, 1]
+        slopes[k, 1] = y * points[k + 1, 0] - x * points[k + 1, 1]
+        if slopes[k, 0] <= _AT_REST_M:  # straight on is stationary, too
+            inside = -np.inf
+        # Mirrored, the tube opens less by twice its width over the radius and the cosine of incidence.
+        cosine = unit[k, 0] * tangents[k, 1] - unit[k, 1] * tangents[k, 0]
+        opening -= 2.0 * bend[wall, 0] * wide / max(cosine, _AT_REST_M)
+        wide += length[k + 1] * opening
+    moves[0], moves[1] = -0.5 * unit[0, 0], -0.5 * unit[0, 1]
+    moves[2], moves[3] = 0.5 * unit[hits, 0], 0.5 * unit[hits, 1]
+    whole = np.sum(length)
+    return 0.5 * whole, inside, np.sqrt(whole / max(abs(wide), _AT_REST_M))
 
 
-@within_kernels
+@kernel
 def _solved(diagonal: NDArray[np.float64], beside: NDArray[np.float64], right: NDArray[np.float64]) -> bool:
     """Solve a symmetric tridiagonal system in place of its right side; returns whether it is positive definite: where
     it is not, a way is not where it is shortest, as past a corner.

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.curved import over_curves
+from polymap_ros.geometry.curved import Curved, over_curves
 from polymap_ros.geometry.image_sources import faded, trace_images
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel, within_kernels
@@ -122,8 +122,11 @@ def trace_paths(
     if len(rows) > 0:
         count = min(len(images), trace_images(
             sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False, images, walls))
-    chain, along = np.empty((order + 1, 2)), np.empty(order)
+    chain = np.empty((order + 1, 2))
     kept = 0
+    if len(sides.bend) > 0:
+        curved = Curved(paths.half, paths.weight, paths.hits, paths.bounces, walls, slopes, moves)
+        kept, count = over_curves(sides, ends, soft, count, curved), 0
     for m in range(count):
         x, y = images[m, 0] - ends[2], images[m, 1] - ends[3]
         flat = 0.5 * np.sqrt(x * x + y * y)
@@ -134,13 +137,8 @@ def trace_paths(
             hits += 1
         for level in range(hits, order):
             walls[kept, level] = -1
-        inside = _back_traced(
-            rows, sides.forward, ends, hits, derive, walls[kept], chain, along, slopes[kept], moves[kept])
-        if len(sides.bend) > 0 and inside > -np.inf:
-            flat, inside = over_curves(
-                sides, ends, hits, derive, walls[kept], along[:hits], slopes[kept], moves[kept])
-            d = np.sqrt(flat * flat + up)
-        weight = images[m, 2] * faded(inside, soft)
+        weight = images[m, 2] * _back_traced(
+            rows, sides.forward, ends, hits, soft, derive, walls[kept], chain, slopes[kept], moves[kept])
         if weight > 0.0:
             if derive and up > 0.0:
                 slopes[kept, :hits] *= flat / d
@@ -189,12 +187,11 @@ def _with_storey(
 
 @within_kernels
 def _back_traced(
-    walls: NDArray[np.float64], forward: NDArray[np.float64], ends: NDArray[np.float64], hits: int, derive: bool,
-    sequence: NDArray[np.int64], chain: NDArray[np.float64], places: NDArray[np.float64], slopes: NDArray[np.float64],
+    walls: NDArray[np.float64], forward: NDArray[np.float64], ends: NDArray[np.float64], hits: int, soft: float,
+    derive: bool, sequence: NDArray[np.int64], chain: NDArray[np.float64], slopes: NDArray[np.float64],
     moves: NDArray[np.float64],
 ) -> float:
-    """Return how far inside the ends of its walls a path stays; fill the `places` along them where it is reflected,
-    and, if to `derive`, the derivatives of half its length.
+    """Return a path's weight; fill, if to `derive`, the derivatives of half its length.
 
     A path is shortest over its points of reflection b, so only what moves by itself counts: a wall along its normal n,
     by dr - dtheta (b . t) at b, t along the wall, for which half the length grows by cos(incidence) per unit; and
@@ -214,11 +211,10 @@ def _back_traced(
         dx, dy = chain[level, 0] - bx, chain[level, 1] - by
         towards = dx * c + dy * s
         if towards <= 0.0:  # past the end of another wall
-            return -np.inf
+            return 0.0
         step = (walls[wall, 2] - (bx * c + by * s)) / towards
         bx, by = bx + step * dx, by + step * dy
         along = by * c - bx * s
-        places[level - 1] = along
         if derive:
             cosine = towards / np.sqrt(dx * dx + dy * dy)
             slopes[level - 1, 0] = forward[wall] * cosine
@@ -227,7 +223,7 @@ def _back_traced(
     if derive:
         moves[0], moves[1] = _half_of_unit(ends[0] - bx, ends[1] - by)
         moves[2], moves[3] = _half_of_unit(ends[2] - chain[hits, 0], ends[3] - chain[hits, 1])
-    return inside
+    return faded(inside, soft)
 
 
 @kernel

@@ -54,8 +54,9 @@ class Sides(NamedTuple):
         1 for the side that its wall's line is that of, -1 for the back of an inner wall.
     passed : ndarray, shape (m,)
         What a wall leaves of the amplitude of a wave that crosses it.
-    bend : ndarray, shape (m, 2)
-        How the sides are curved (`geometry.curved`); empty where all are straight.
+    bend : ndarray, shape (m, 4)
+        Curvature of each side [1/m], and where along it it touches its line, starts and ends [m] (`geometry.curved`);
+        empty where all are straight.
     convex : bool
         Whether they are those of a convex outline alone, and no wall can stand in the way.
     """
@@ -112,7 +113,7 @@ def outline_sides(corners: NDArray[np.float64], soft: float, convex: bool) -> Si
 @kernel
 def _room(count: int) -> Sides:
     return Sides(np.empty((count, 9)), np.zeros((count, count), np.int8), np.arange(count), np.ones(count),
-                 np.zeros(count), np.empty((0, 2)), False)
+                 np.zeros(count), np.empty((0, 4)), False)
 
 
 @kernel

@@ -26,8 +26,9 @@ _BEYOND = 0.1
 """Straight edges are taken to be longer by this share of the outline's size to each side: curved ones may give a path
 whose straight one would miss."""
 
-_CAPACITY, _NEWTON_STEPS, _STATIONARY = 256, 8, 1e-9
-"""Half the room for straight paths to begin with; steps to the stationary one, and what is left of its slope."""
+_CAPACITY, _NEWTON_STEPS, _STATIONARY, _OF_LEG = 256, 24, 1e-9, 0.5
+"""Half the room for straight paths to begin with; steps to the stationary one, what is left of its slope, and the share
+of its shortest leg by which points are moved in a step at most."""
 
 _ASIDE, _DIRECTION_RAD, _TOUCH = 1e-7, 1.2345, 1e-10
 """Paths are traced to a place this share of the outline's size beside the receiver: of the two orders of the edges of
@@ -129,9 +130,12 @@ class BentOutline:
                                    - c * np.einsum('mki,mki->mk', turn, normals))
             both = np.einsum('mki,mki->mk', tangents[:, :-1], tangents[:, 1:]) - after[:, :-1] * before[:, 1:]
             bend[:, hits[:-1], hits[1:]] = bend[:, hits[1:], hits[:-1]] = -both / length[:, 1:-1]
-            # Past a corner, legs lead back: such ways are at no rest, and drop out.
-            t = np.clip(t - (np.linalg.pinv(bend, hermitian=True) @ slope[..., None])[..., 0], -2.0 * half, 2.0 * half)
-        whole = (np.abs(slope).max(axis=1) < _STATIONARY) & self._is_clear(walls, points)
+            step = (np.linalg.pinv(bend, hermitian=True) @ slope[..., None])[..., 0]
+            # Beside a corner a leg is short, and a step that is longer leads past it.
+            most = _OF_LEG * length.min(axis=1) / np.maximum(np.abs(step).max(axis=1), 1e-300)
+            t = np.clip(t - np.minimum(most, 1.0)[:, None] * step, -2.0 * half, 2.0 * half)
+        reflected = np.einsum('mki,mki->mk', turn, normals).min(axis=1) > _STATIONARY  # straight on is stationary, too
+        whole = (np.abs(slope).max(axis=1) < _STATIONARY) & reflected & self._is_clear(walls, points)
         if self.corner_radius_m:
             whole &= (np.abs(t) <= half - self._trimmed[walls]).all(axis=1)
         return walls[whole], points[whole]

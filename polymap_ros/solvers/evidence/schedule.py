@@ -42,10 +42,11 @@ _OF_ANY_OUTLINE: Schedule = (
 )
 
 SCHEDULE: Schedule = (
-    (curve_wall, WHOLE),  # before anything else is put down to its echoes
+    (curve_wall, ALL_EXPLAINED),  # before anything else is put down to its echoes
     *_OF_ANY_OUTLINE,
     (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
+    (curve_wall, WHOLE),
     (cut_corner, WHOLE),
     (delay_envelopes, WHOLE),
     (look_for_faint, ALL_EXPLAINED),  # the dearest

@@ -31,6 +31,9 @@ is shifted. Nine are 12 mm at 100 kHz in 6 mm of aluminium: a radius of 10 m ove
 _HEARD_ALONG = 6
 """First echoes from a wall, at least: three numbers are to be told from them."""
 
+_AS_GOOD = 0.98
+"""Share of what stands that a wall that is bent has to be worth before its curvature is at its best."""
+
 _BY_ITSELF = 0.5
 """Share of what a curve has to be worth that it has to gain with all else as it is, to be looked into."""
 
@@ -51,9 +54,13 @@ def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
     least = ground.least_gain(wave.value)
     left = max(1.0 - EXPLAINED + ground.uncertainty, STILL_LEFT * (1.0 - standing.explained))
     for wall, begun in _begun(ground, wave, least):
-        best = begun and at_best(ground, begun, _Curved(ground, wall), 1.0)
-        if best and best.value > wave.value + least and 1.0 - ground.explained(best, ALL_EXPLAINED) < left:
-            return best
+        if begun is None or begun.value < _AS_GOOD * wave.value:
+            continue
+        best = at_best(ground, begun, _Curved(ground, wall), 1.0)
+        if best.value > wave.value + least and 1.0 - ground.explained(best, ALL_EXPLAINED) < left:
+            # It may only have led the walls on.
+            plain = ground.wave.refine(best.with_walls(_with_bend(best.walls, wall, 0.0)), FULL_ORDER)
+            return plain if plain is not None and plain.value > best.value - least else best
     return None
 
 
@@ -98,9 +105,15 @@ def _straight(ground: Ground, walls: Walls) -> NDArray[np.float64]:
 
 def _middles(ground: Ground, walls: Walls) -> NDArray[np.float64]:
     """Return where along their lines the edges (n,) have their middles [m]."""
+    low, high = _ends(ground, walls)
+    return np.asarray(0.5 * (low + high))
+
+
+def _ends(ground: Ground, walls: Walls) -> NDArray[np.float64]:
+    """Return where along their lines straight edges start and end (2, n) [m]."""
     straight = replace(walls, bend=np.empty((0, 2)))
     _, sides = straight.sides(ground.data.soft_m, ground.data.shortest_m)
-    return np.asarray(0.5 * (sides.rows[:, 3] + sides.rows[:, 4]))
+    return np.asarray(sides.rows[:, 3:5].T)
 
 
 def _in_phase(ground: Ground, begun: Wave) -> Wave | None:
@@ -137,10 +150,8 @@ class _Curved:
         """Return the waveform with so much more curvature, the wall shifted so that it stays where it is on average."""
         walls, half = wave.walls, _half_lengths(self.ground, wave.walls)[self.wall]
         curvature = more * self.step(walls)
-        bend, lines = walls.bend.copy(), walls.lines.copy()
-        bend[self.wall, 0] += curvature
-        lines[self.wall, 0] += curvature * half**2 / 6.0
-        return replace(wave, walls=replace(walls.on(lines), bend=bend), slopes=None)
+        bent = _with_bend(walls, self.wall, walls.curvature[self.wall] + curvature)
+        return wave.with_walls(bent.shifted(self.wall, curvature * half**2 / 6.0))
 
     def step(self, walls: Walls) -> float:
         """Return a unit [1/m]."""
@@ -166,9 +177,16 @@ def _centred(ground: Ground, walls: Walls) -> Walls:
     return replace(walls.on(lines), bend=np.column_stack((walls.bend[:, 0], along)))
 
 
+def _with_bend(walls: Walls, wall: int, curvature: float) -> Walls:
+    """Return the walls with one of them curved so; all are straight ones without a bend again where none is curved."""
+    bend = walls.bend.copy()
+    bend[wall, 0] = curvature
+    return replace(walls, bend=bend if np.any(bend[:, 0]) else np.empty((0, 2)))
+
+
 def _half_lengths(ground: Ground, walls: Walls) -> NDArray[np.float64]:
-    _, sides = walls.sides(ground.data.soft_m, ground.data.shortest_m)
-    return np.asarray(0.5 * (sides.rows[:, 4] - sides.rows[:, 3]))
+    low, high = _ends(ground, walls)
+    return np.asarray(0.5 * (high - low))
 
 
 def _bent(ground: Ground, wave: Wave) -> Iterator[tuple[int, float, Walls]]:
@@ -176,13 +194,12 @@ def _bent(ground: Ground, wave: Wave) -> Iterator[tuple[int, float, Walls]]:
     best, and the walls with that.
     """
     data, walls = ground.data, wave.walls
-    _, sides = walls.sides(data.soft_m, data.shortest_m)
-    bend = _straight(ground, walls)
+    ends, bend = _ends(ground, walls), _straight(ground, walls)
     each_way = (_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS)
     steps = [_STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in each_way]
     sag, turn, shift = np.meshgrid(*steps, indexing='ij')
     for wall, line in enumerate(walls.lines):
-        low, high = sides.rows[wall, 3:5]
+        low, high = ends[:, wall]
         half = 0.5 * (high - low)
         _, along = first_orders(line, data.positions, data.baselines)
         pings = np.flatnonzero((along > low) & (along < high))
