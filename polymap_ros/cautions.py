@@ -95,6 +95,9 @@ CAUTIONS = {
     'curved_edge': Kind(
         'answer', 'a wall is not straight: the edge touches it in its middle, where it is as exact as any other',
         'nothing, where you know it to be curved; else look whether it is, or a corner lies on it'),
+    'rounded_corners': Kind(
+        'answer', 'edges end before they meet; the corners of the polygon are where they would',
+        'nothing, where the corners are round; else look for what stands in them'),
     'unexplained': Kind(
         'answer', 'echoes are left that the polygon does not explain: a dent, a seam, a second mode, a wrong medium',
         'look for what else reflects, or a corner that points inwards; if there is neither, let polymap_replay '

@@ -1,4 +1,4 @@
-"""Sides of a convex outline that are curved a little, and the paths over them.
+"""Sides of a convex outline that are curved a little, or end where corners are rounded, and the paths over them.
 
 A curved side is a parabola, an arc for all that is asked here: at t from where it touches its line it is c t^2 / 2 in
 front of it, so that with c above 0 the room bulges. A path over it is where the length of the way over one point of
@@ -27,6 +27,39 @@ the longest and twice the slope at the ends of one that is curved: a path that i
 is aside by as much from that over straight sides."""
 
 
+class Curved(NamedTuple):
+    """Room for paths over such sides, as of `geometry.paths.Paths`."""
+
+    half: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    hits: NDArray[np.int64]
+    bounces: NDArray[np.int64]
+    walls: NDArray[np.int64]
+    slopes: NDArray[np.float64]
+    moves: NDArray[np.float64]
+
+
+@kernel
+def rounded_sides(sides: Sides, corner: NDArray[np.float64], shortest: float) -> tuple[bool, Sides]:
+    """Return the sides of a convex outline between corners that are `round`, see `Sides`, and whether more than the
+    `shortest` [m] is left of each.
+    """
+    rows, n, radius = sides.rows.copy(), len(sides.rows), corner[0]
+    for one in range(n):
+        two = (one + 1) % n
+        c, s = sides.rows[one, 0], sides.rows[one, 1]
+        cosine = c * sides.rows[two, 0] + s * sides.rows[two, 1]
+        sine = c * sides.rows[two, 1] - s * sides.rows[two, 0]
+        cut = radius * sine / (1.0 + cosine)  # the tangent of half the turn
+        rows[one, 4] -= cut
+        rows[one, 7], rows[one, 8] = rows[one, 7] + cut * s, rows[one, 8] - cut * c
+        rows[two, 3] += cut
+        rows[two, 5] -= cut * sides.rows[two, 1]
+        rows[two, 6] += cut * sides.rows[two, 0]
+    left = bool(np.all(rows[:, 4] - rows[:, 3] > shortest))
+    return left, Sides(rows, sides.corners, sides.wall, sides.forward, sides.passed, sides.bend, corner, sides.convex)
+
+
 @kernel
 def curved_sides(sides: Sides, bend: NDArray[np.float64]) -> Sides:
     """Return the sides of a convex outline with curvatures [1/m] and where they touch their lines [m], (n, 2).
@@ -53,19 +86,42 @@ def curved_sides(sides: Sides, bend: NDArray[np.float64]) -> Sides:
         rows[one, 6] -= longer * rows[one, 0]
         rows[one, 7] -= longer * rows[one, 1]
         rows[one, 8] += longer * rows[one, 0]
-    return Sides(rows, sides.corners, sides.wall, sides.forward, sides.passed, curved, sides.convex)
+    return Sides(rows, sides.corners, sides.wall, sides.forward, sides.passed, curved, sides.round, sides.convex)
 
 
-class Curved(NamedTuple):
-    """Room for paths over curved sides, as of `geometry.paths.Paths`."""
+@kernel
+def from_round_corners(
+    sides: Sides, ends: NDArray[np.float64], range_max: float, soft: float, count: int, paths: Curved
+) -> int:
+    """Add to the first `count` paths the echo of each corner that a ray through its circle's centre meets; returns how
+    many there are.
 
-    half: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    hits: NDArray[np.int64]
-    bounces: NDArray[np.int64]
-    walls: NDArray[np.int64]
-    slopes: NDArray[np.float64]
-    moves: NDArray[np.float64]
+    Over D to the centre and the radius a on, it is sqrt(a / D) as loud as a wall's, and a quarter of a cycle ahead: it
+    has passed a focus. By derivatives it counts as one of the end of the wall that begins there.
+    """
+    rows, (radius, nearer), n = sides.rows, sides.round, len(sides.rows)
+    x, y, up = 0.5 * (ends[0] + ends[2]), 0.5 * (ends[1] + ends[3]), 0.25 * ends[4] * ends[4]
+    for wall in range(n):
+        before = wall - 1 if wall > 0 else n - 1
+        c, s, along = rows[wall, 0], rows[wall, 1], sides.rows[wall, 3]
+        if len(sides.bend) > 0:
+            along = sides.bend[wall, 2]
+        away = rows[wall, 2] - radius
+        dx, dy = away * c - along * s - x, away * s + along * c - y  # to the centre
+        far = np.sqrt(dx * dx + dy * dy)
+        past = dy * rows[before, 0] - dx * rows[before, 1]
+        short = dx * s - dy * c
+        weight = np.sqrt(radius / max(far, radius)) * faded(radius / max(far, radius) * min(past, short), soft)
+        half = np.sqrt((far + radius) ** 2 + up) - nearer
+        if weight > 0.0 and half <= range_max and count < len(paths.half):
+            paths.half[count], paths.weight[count], paths.hits[count], paths.bounces[count] = half, weight, 1, 0
+            paths.walls[count] = -1
+            paths.walls[count, 0] = wall
+            paths.slopes[count, 0, 0], paths.slopes[count, 0, 1] = 1.0, -along
+            paths.moves[count, 0], paths.moves[count, 1] = -0.5 * dx / far, -0.5 * dy / far
+            paths.moves[count, 2], paths.moves[count, 3] = -0.5 * dx / far, -0.5 * dy / far
+            count += 1
+    return count
 
 
 @kernel

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.curved import Curved, over_curves
+from polymap_ros.geometry.curved import Curved, from_round_corners, over_curves
 from polymap_ros.geometry.image_sources import faded, trace_images
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel, within_kernels
@@ -124,9 +124,9 @@ def trace_paths(
             sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False, images, walls))
     chain = np.empty((order + 1, 2))
     kept = 0
+    room = Curved(paths.half, paths.weight, paths.hits, paths.bounces, walls, slopes, moves)
     if len(sides.bend) > 0:
-        curved = Curved(paths.half, paths.weight, paths.hits, paths.bounces, walls, slopes, moves)
-        kept, count = over_curves(sides, ends, soft, count, curved), 0
+        kept, count = over_curves(sides, ends, soft, count, room), 0
     for m in range(count):
         x, y = images[m, 0] - ends[2], images[m, 1] - ends[3]
         flat = 0.5 * np.sqrt(x * x + y * y)
@@ -148,6 +148,8 @@ def trace_paths(
             for level in range(0 if sides.convex else hits):
                 walls[kept, level] = sides.wall[walls[kept, level]]
             kept += 1
+    if len(sides.round) > 0:
+        kept = from_round_corners(sides, ends, range_max, soft, kept, room)
     return kept if len(storey) == 1 else _with_storey(storey, ends, order, range_max, derive, kept, paths)
 
 

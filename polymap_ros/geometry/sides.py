@@ -57,6 +57,8 @@ class Sides(NamedTuple):
     bend : ndarray, shape (m, 4)
         Curvature of each side [1/m], and where along it it touches its line, starts and ends [m] (`geometry.curved`);
         empty where all are straight.
+    round : ndarray, shape (2,)
+        Radius of the corners, and by how much nearer their echoes seem than they are [m]; empty where they are sharp.
     convex : bool
         Whether they are those of a convex outline alone, and no wall can stand in the way.
     """
@@ -67,6 +69,7 @@ class Sides(NamedTuple):
     forward: NDArray[np.float64]
     passed: NDArray[np.float64]
     bend: NDArray[np.float64]
+    round: NDArray[np.float64]
     convex: bool
 
 
@@ -107,13 +110,14 @@ def outline_sides(corners: NDArray[np.float64], soft: float, convex: bool) -> Si
     """Return the sides of a polygon (n, 2), counter-clockwise [m], which is taken for `convex` or not."""
     sides = _room(len(corners))
     _add_ring(corners, 0, soft, sides)
-    return Sides(sides.rows, sides.corners, sides.wall, sides.forward, sides.passed, sides.bend, convex)
+    return Sides(sides.rows, sides.corners, sides.wall, sides.forward, sides.passed, sides.bend,
+                 sides.round, convex)
 
 
 @kernel
 def _room(count: int) -> Sides:
     return Sides(np.empty((count, 9)), np.zeros((count, count), np.int8), np.arange(count), np.ones(count),
-                 np.zeros(count), np.empty((0, 4)), False)
+                 np.zeros(count), np.empty((0, 4)), np.empty(0), False)
 
 
 @kernel

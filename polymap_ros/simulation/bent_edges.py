@@ -80,7 +80,7 @@ class BentOutline:
     @property
     def leaves_edges(self) -> bool:
         """Whether something of every edge is left between rounded corners."""
-        return bool(np.all(self._frames[3] > self._trimmed))
+        return bool(np.all(2.0 * self._frames[3] > np.sum(self._trimmed, axis=0)))
 
     @property
     def _size(self) -> float:
@@ -137,7 +137,8 @@ class BentOutline:
         reflected = np.einsum('mki,mki->mk', turn, normals).min(axis=1) > _STATIONARY  # straight on is stationary, too
         whole = (np.abs(slope).max(axis=1) < _STATIONARY) & reflected & self._is_clear(walls, points)
         if self.corner_radius_m:
-            whole &= (np.abs(t) <= half - self._trimmed[walls]).all(axis=1)
+            first, last = self._trimmed
+            whole &= ((t >= first[walls] - half) & (t <= half - last[walls])).all(axis=1)
         return walls[whole], points[whole]
 
     def _is_clear(self, walls: NDArray[np.int64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -162,12 +163,12 @@ class BentOutline:
         return clear
 
     @property
-    def _trimmed(self) -> NDArray[np.float64]:
-        """By how much of its length each edge (n,) ends before a corner, the larger of both ends [m]."""
+    def _trimmed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """By how much each edge (n,) begins after its first corner and ends before its second [m]."""
         _, along, _, _ = self._frames
         turns = np.arccos(np.clip(np.einsum('ij,ij->i', np.roll(along, 1, axis=0), along), -1.0, 1.0))
         cut = self.corner_radius_m * np.tan(0.5 * turns)
-        return np.asarray(np.maximum(cut, np.roll(cut, -1)))
+        return cut, np.roll(cut, -1)
 
     def _focused(self, way: Way) -> float:
         """What the edges' curvature makes of the amplitude: the root of how much wider a straight tube of rays is."""

@@ -16,6 +16,7 @@ from polymap_ros.solvers.evidence.certainty import Certainty, certainty_of
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.dead_reckoning import as_dead_reckoned
 from polymap_ros.solvers.evidence.first_walls import first_walls
+from polymap_ros.solvers.evidence.moves.round import corner_radius
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
@@ -140,6 +141,8 @@ class Findings:
         if len(certainty.curvature_std):
             _, corners = corners_of(found.lines)
             cautions.append(wording.curved_edges(found.walls.curvature, certainty.curvature_std, corners))
+        if found.wave is not None and len(found.walls.round):
+            cautions.append(wording.rounded_corners(*corner_radius(self.search, found.wave)))
         cautions += _dispersion(self.search)
         if found.wave is None and self.search.coherent:
             cautions.append(wording.incoherent())

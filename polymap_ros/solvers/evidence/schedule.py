@@ -19,6 +19,7 @@ from polymap_ros.solvers.evidence.moves.orders import weigh_orders
 from polymap_ros.solvers.evidence.moves.phase import turn_law, turn_phase
 from polymap_ros.solvers.evidence.moves.residual import add_from_residual
 from polymap_ros.solvers.evidence.moves.retune import retune
+from polymap_ros.solvers.evidence.moves.round import round_corners
 from polymap_ros.solvers.evidence.moves.slip import fix_cycle_slips
 from polymap_ros.solvers.evidence.moves.square import square_up
 from polymap_ros.solvers.evidence.moves.standing import Standing
@@ -42,10 +43,12 @@ _OF_ANY_OUTLINE: Schedule = (
 )
 
 SCHEDULE: Schedule = (
-    (curve_wall, ALL_EXPLAINED),  # before anything else is put down to its echoes
+    (round_corners, ALL_EXPLAINED),  # before anything else is put down to their echoes
+    (curve_wall, ALL_EXPLAINED),
     *_OF_ANY_OUTLINE,
     (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
+    (round_corners, WHOLE),
     (curve_wall, WHOLE),
     (cut_corner, WHOLE),
     (delay_envelopes, WHOLE),

@@ -113,7 +113,7 @@ def tied_hole(walls: Walls, lines: NDArray[np.float64]) -> SquareWalls:
     What few feet know of one of them, the others know better.
     """
     known = walls.group if isinstance(walls, SquareWalls) else np.arange(len(walls))
-    tied = SquareWalls(walls.lines, walls.reflection, walls.delay, walls.interior, walls.bend, known)
+    tied = SquareWalls(walls.lines, walls.reflection, walls.delay, walls.interior, group=known)
     return tied.with_hole(lines)
 
 

@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.curved import curved_sides
+from polymap_ros.geometry.curved import curved_sides, rounded_sides
 from polymap_ros.geometry.lines import moved_lines, polygon_lines
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.geometry.sides import NOTHING, Interior, Sides, sides_of
@@ -51,6 +51,9 @@ class Walls:
         Which of the last lines are of holes, and of inner walls.
     bend : ndarray, shape (n, 2)
         How they are curved (`geometry.curved`), of a convex outline; empty where all are straight.
+    round : ndarray, shape (2,)
+        Radius by which the corners of a convex outline are rounded, and by how much nearer their echoes seem than they
+        are [m]; empty where they are sharp.
     """
 
     lines: NDArray[np.float64]
@@ -58,6 +61,7 @@ class Walls:
     delay: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     interior: Interior = NOTHING
     bend: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
+    round: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
     @classmethod
     def convex(
@@ -116,7 +120,9 @@ class Walls:
     def sides(self, soft_m: float, shortest_m: float) -> tuple[bool, Sides]:
         """Return the sides that reflect, and whether the walls are an outline with what is in it (`sides_of`)."""
         bound, sides = sides_of(self.lines, self.interior, soft_m, shortest_m)
-        return bound, curved_sides(sides, self.bend) if sides.convex and len(self.bend) else sides
+        if sides.convex and len(self.round):
+            bound, sides = rounded_sides(sides, self.round, shortest_m)
+        return bound, curved_sides(sides, self.bend) if bound and sides.convex and len(self.bend) else sides
 
     @property
     def loss(self) -> NDArray[np.float64]:
@@ -199,7 +205,8 @@ class Walls:
         """Return a convex outline's walls and one more."""
         delay = np.append(self.delay, 0.0) if len(self.delay) else None
         bend = np.vstack((self.bend, np.zeros(2))) if len(self.bend) else None
-        return self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay, bend)
+        longer = self.convex(np.vstack((self.lines, line)), np.append(self.reflection, reflection), delay, bend)
+        return replace(longer, round=self.round)
 
     def with_outline(self, lines: NDArray[np.float64], reflection: NDArray[np.float64]) -> 'Walls':
         """Return what stands inside in another outline, the lines of which (m, 2) are in their order."""

@@ -272,6 +272,12 @@ def curved_edges(
     return Caution('curved_edge', '; '.join(told))
 
 
+def rounded_corners(radius_m: float, deviation_m: float) -> Caution:
+    """Say by how much corners are rounded."""
+    return Caution('rounded_corners', f'the corners are rounded by a radius of {1e3 * radius_m:.1f} mm '
+                                      f'(+-{1e3 * deviation_m:.1f} mm)')
+
+
 def pulse_adapted(explained: float) -> Caution:
     """Return what to know of a map by a pulse that was found with it."""
     share = f'{min(explained, 1.0):.1%}'

@@ -43,6 +43,9 @@ _CENTRED = 2
 _BEND_CYCLES = 0.02
 """Cycles of range at a wall's end between the curvatures that a parabola is drawn through."""
 
+_BEND_ERROR = 0.5
+"""The same that a curvature is off by beside what the echoes tell, in these steps: 0.1 mm at a wall's end."""
+
 
 def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
     """Return the waveform with a wall that is curved, or curved otherwise, where that is worth clearly more."""
@@ -134,7 +137,7 @@ def curvature_covariance(ground: Ground, wave: Wave) -> tuple[NDArray[np.float64
     for wall in np.flatnonzero(wave.walls.curvature):
         curved = _Curved(ground, int(wall))
         variance, more = follow_covariance(ground, wave, curved, 1.0)
-        deviations[wall] = np.sqrt(variance) * curved.step(wave.walls)
+        deviations[wall] = np.hypot(np.sqrt(variance), _BEND_ERROR) * curved.step(wave.walls)
         covariance += more
     return deviations, covariance
 
