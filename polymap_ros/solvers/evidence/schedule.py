@@ -43,12 +43,11 @@ _OF_ANY_OUTLINE: Schedule = (
 )
 
 SCHEDULE: Schedule = (
-    (round_corners, ALL_EXPLAINED),  # before anything else is put down to their echoes
+    (round_corners, WHOLE),  # before anything else is put down to their echoes
     (curve_wall, ALL_EXPLAINED),
     *_OF_ANY_OUTLINE,
     (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
-    (round_corners, WHOLE),
     (curve_wall, WHOLE),
     (cut_corner, WHOLE),
     (delay_envelopes, WHOLE),
