@@ -13,6 +13,7 @@ from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.propagation import Propagation
 from polymap_ros.simulation.random_scenes import Recipe, air_filled, lossy, mistaken, random_scene, storeyed
 from polymap_ros.simulation.scenes import Scene
+from polymap_ros.simulation.waveforms import emitted
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,14 @@ def _resonant(quality: float, times: int = 1, **edges: Any) -> Callable[[int, in
     return make
 
 
+def _filed(make: Callable[[int, int], Scene]) -> Callable[[int, int], Scene]:
+    """The same where the pulse that comes out of the transducer is given as a file."""
+    def make_filed(seed: int, count: int) -> Scene:
+        scene = make(seed, count)
+        return dataclasses.replace(scene, faults=Faults(), recorded_pulse=emitted(scene).samples(scene.period_s))
+    return make_filed
+
+
 _ALUMINIUM = MediumParameters()
 _STEEL = MediumParameters(longitudinal_speed_m_s=5960.0, shear_speed_m_s=3235.0)
 
@@ -143,6 +152,10 @@ VARIANTS = {
     'q_10': Variant('the same, Q 10', _resonant(10.0)),
     'q_5_twice': Variant('the same, Q 5 as emitter and as receiver', _resonant(5.0, 2)),
     'q_5_free_edge': Variant('the same, Q 5, and free edges', _resonant(5.0, kind='free', poisson=0.30)),
+    'q_5_file': Variant('Q 5, the true pulse given as a file', _filed(_resonant(5.0))),
+    'q_10_file': Variant('Q 10, the same', _filed(_resonant(10.0))),
+    'q_5_twice_file': Variant('Q 5 as emitter and as receiver, the same', _filed(_resonant(5.0, 2))),
+    'q_5_free_edge_file': Variant('Q 5 and free edges, the same', _filed(_resonant(5.0, kind='free', poisson=0.30))),
     'phase_45': Variant('every reflection delays the phase by 45 degrees', _edged(delay_deg=45.0)),
     'phase_90': Variant('the same, 90 degrees', _edged(delay_deg=90.0)),
     'phase_180': Variant('the same, 180 degrees', _edged(delay_deg=180.0)),

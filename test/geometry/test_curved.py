@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
+from polymap_ros.geometry.outline import corners_of
 from polymap_ros.geometry.paths import CAPACITY, room_for_paths, trace_paths
 from polymap_ros.geometry.storey import Storey
+from polymap_ros.simulation.bent_edges import BentOutline
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.solvers.evidence.walls import Walls
 
@@ -95,3 +97,37 @@ def test_sides_that_hardly_bend_are_straight_ones():
     for sequence, (half, weight, slopes, moves) in straight.items():
         for found, expected in zip(bent[sequence], (half, weight, slopes, moves), strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize(('seed', 'edges'), [(4, 6), (2, 4)])
+def test_round_corners_take_the_ends_of_walls_and_echo_themselves(seed, edges):
+    """By another tracer, which begins with the same straight paths only where corners are sharp."""
+    scene, radius_m = random_scene(seed, edges), 0.03
+    walls = Walls.of_polygon(scene.vertices)
+    outline = BentOutline(vertices_of(walls), np.zeros(edges), radius_m)
+    rounded = dataclasses.replace(walls, round=np.array((radius_m, 0.0)))
+    compared = 0
+    for place in scene.positions[::10]:
+        _, sides = rounded.sides(1e-9, 0.0)
+        paths = room_for_paths(ORDER)
+        count = trace_paths(sides, np.array([*place, *place, 0.0]), ORDER, 100.0, 1e-9, True, Storey().images(ORDER),
+                            paths)
+        amplitudes, ways = outline.paths(place, place, ORDER, np.ones(edges))
+        expected = sorted(zip([0.5 * np.hypot(*way.legs.T).sum() for way in ways], np.abs(amplitudes), strict=True))
+        found = sorted(zip(paths.half[:count], paths.weight[:count], strict=True))
+        np.testing.assert_allclose(found, expected, atol=1e-6)
+        compared += np.sum(np.abs(amplitudes) < 0.9)
+    assert compared > 3
+
+
+def vertices_of(walls):
+    """Corners before each wall, which begins there."""
+    bound, corners = corners_of(walls.lines)
+    assert bound
+    return corners
+
+
+def test_corners_that_leave_nothing_of_a_wall_are_none():
+    walls = Walls.of_polygon(np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 0.5), (0.0, 0.5)]))
+    for radius_m, bounds in ((0.2, True), (0.26, False)):
+        assert dataclasses.replace(walls, round=np.array((radius_m, 0.0))).sides(1e-3, 0.0)[0] == bounds

@@ -1,6 +1,7 @@
-"""Walls that are curved a little, found in echoes that the simulator makes by other means."""
+"""Walls that are curved a little and corners that are rounded, found in echoes that another tracer makes."""
 
 import dataclasses
+import re
 
 import numpy as np
 import pytest
@@ -51,3 +52,15 @@ def test_variants_bend_one_edge(variant):
     bends = {float(VARIANTS[variant].make(seed, 5).edges.curvature_1_m) for seed in range(8)}
     assert len(bends) == 2
     np.testing.assert_allclose(np.abs(sorted(bends)), 1.0 / float(variant.split('_')[1]))
+
+
+@pytest.mark.parametrize(('seed', 'edges', 'radius_m'), [(2, 3, 0.02), (4, 6, 0.02), (0, 5, 0.01)])
+def test_rounded_corners_are_found_and_told(seed, edges, radius_m):
+    scene = dataclasses.replace(random_scene(seed, edges), edges=Edges(corner_radius_m=radius_m))
+    _, answer = solved(scene)
+    trial = judged(answer, scene, 'evidence', 0.0)
+    assert trial.right
+    assert trial.cautions == ('rounded_corners',)
+    assert max(trial.offsets_m) < 1e-4
+    told_mm, deviation_mm = map(float, re.findall(r'[0-9.]+(?= mm)', answer.cautions[0].finding))
+    assert abs(told_mm - 1e3 * radius_m) < 3.0 * deviation_mm < 2.0

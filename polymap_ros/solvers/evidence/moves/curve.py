@@ -16,7 +16,6 @@ from polymap_ros.solvers.evidence.tuning import (
     EXPLAINED,
     FULL_ORDER,
     SEARCH_ORDER,
-    STILL_LEFT,
 )
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
@@ -35,7 +34,8 @@ _AS_GOOD = 0.98
 """Share of what stands that a wall that is bent has to be worth before its curvature is at its best."""
 
 _BY_ITSELF = 0.5
-"""Share of what a curve has to be worth that it has to gain with all else as it is, to be looked into."""
+"""Share of what a curve has to be worth that it has to gain with all else as it is, to be looked into, and by the top
+of one parabola, to be looked into further."""
 
 _CENTRED = 2
 """How often lines are turned to touch in the middle, which itself moves a hundredth as far."""
@@ -48,19 +48,25 @@ _BEND_ERROR = 0.5
 
 
 def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
-    """Return the waveform with a wall that is curved, or curved otherwise, where that is worth clearly more."""
+    """Return the waveform with a wall that is curved, or curved otherwise, where that is worth clearly more.
+
+    It has to explain the echoes: what a wall in another cycle leaves, a curve explains a part of.
+    """
     wave = standing.wave
     if not wave.walls.convex_outline or len(wave.storey):
         return None
     if (tuned := _tuned(ground, wave)) is not None:
         return tuned
     least = ground.least_gain(wave.value)
-    left = max(1.0 - EXPLAINED + ground.uncertainty, STILL_LEFT * (1.0 - standing.explained))
     for wall, begun in _begun(ground, wave, least):
         if begun is None or begun.value < _AS_GOOD * wave.value:
             continue
-        best = at_best(ground, begun, _Curved(ground, wall), 1.0)
-        if best.value > wave.value + least and 1.0 - ground.explained(best, ALL_EXPLAINED) < left:
+        best = at_best(ground, begun, _Curved(ground, wall), 1.0, tops=1)
+        if best.value < wave.value + _BY_ITSELF * least:
+            continue
+        best = at_best(ground, best, _Curved(ground, wall), 1.0)
+        enough = ground.explained(best, ALL_EXPLAINED) > EXPLAINED - ground.uncertainty
+        if enough and best.value > wave.value + least:
             # It may only have led the walls on.
             plain = ground.wave.refine(best.with_walls(_with_bend(best.walls, wall, 0.0)), FULL_ORDER)
             return plain if plain is not None and plain.value > best.value - least else best

@@ -10,15 +10,17 @@ from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER
 from polymap_ros.solvers.evidence.waveform import Wave
 
 _AHEAD, _TOPS = 4.0, 6
-"""Steps to the top of a parabola at most, and so many parabolas at most."""
+"""Steps to the top of a parabola at most, and so many parabolas, unless it is said."""
 
 Changed = Callable[[Wave, float], Wave]
 """From a waveform and by how much more of the number it is to have to that waveform, not evaluated."""
 
 
-def at_best(ground: Ground, wave: Wave, changed: Changed, step: float) -> Wave:
-    """Return the waveform with the number that fits best; parabolas are drawn through values a `step` apart."""
-    for _ in range(_TOPS):
+def at_best(ground: Ground, wave: Wave, changed: Changed, step: float, tops: int = _TOPS) -> Wave:
+    """Return the waveform with the number that fits best, or how far so many `tops` of parabolas come, which are drawn
+    through values a `step` apart.
+    """
+    for _ in range(tops):
         top = _at_the_top(ground, wave, changed, step)
         gain, wave = top.value - wave.value, top
         if gain < DIFFERENT:

@@ -8,7 +8,7 @@ from polymap_ros.geometry.outline import corners_of
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.parabola import Changed, at_best, follow_covariance
 from polymap_ros.solvers.evidence.moves.standing import Standing
-from polymap_ros.solvers.evidence.tuning import FULL_ORDER, SHORT_EDGES
+from polymap_ros.solvers.evidence.tuning import ALL_EXPLAINED, EXPLAINED, FULL_ORDER, SHORT_EDGES
 from polymap_ros.solvers.evidence.waveform import Wave
 
 _RADII_CYCLES = 0.5, 1.0, 2.0, 3.0, 4.5
@@ -23,8 +23,12 @@ _RADIUS_ERROR = 0.03
 that were found two were off by more, by 0.4 and 0.5 mm (radii of 10 and 20 mm, even seeds)."""
 
 _FROM = 0.8
-"""Share of the echoes' power that is explained from which corners are taken to be round: sharp ones explain 0.87 to 0.94
-where they are, by 20 mm (four plates of 1 to 1.5 m, even seeds)."""
+"""Share of the echoes' power that is explained from which corners are taken to be round: where they are, by 20 mm,
+sharp ones explain 0.87 to 0.94 (four plates of 1 to 1.5 m, even seeds)."""
+
+_ROUND_WORTH = 0.02
+"""Share of the log likelihood that round corners have to bring: by 20 mm they bring 6 to 15 %, by 10 mm 2.6 to 6 (four
+plates, even seeds), and where an edge is curved, which none are, up to 1 % was put down to them."""
 
 _FAINT = 0.5
 """Coefficient of an edge that may stand for a corner's silence: where corners are round those had 0.08 to 0.33 (three
@@ -35,7 +39,9 @@ _RADIUS_STEP = 0.1
 
 
 def round_corners(ground: Ground, standing: Standing) -> Wave | None:
-    """Return the waveform with corners that are all rounded by one radius, where that is worth clearly more."""
+    """Return the waveform with corners that are all rounded by one radius, where that explains the echoes and is worth
+    clearly more.
+    """
     wave = standing.wave
     if standing.explained < _FROM or not wave.walls.convex_outline or len(wave.walls.round) or len(wave.storey):
         return None
@@ -49,8 +55,9 @@ def round_corners(ground: Ground, standing: Standing) -> Wave | None:
     if not refined:
         return None
     best = at_best(ground, refined, _more(ground), _RADIUS_STEP * ground.cycle_m)
-    fewer = len(wave.walls) - len(best.walls)
-    return best if best.value > wave.value + (1 - fewer) * ground.least_gain(wave.value) else None
+    least = _ROUND_WORTH * wave.value + (len(best.walls) - len(wave.walls)) * ground.least_gain(wave.value)
+    enough = ground.explained(best, ALL_EXPLAINED) > EXPLAINED - ground.uncertainty
+    return best if enough and best.value > wave.value + least else None
 
 
 def _bases(ground: Ground, wave: Wave) -> list[Wave]:
