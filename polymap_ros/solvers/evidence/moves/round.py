@@ -27,7 +27,7 @@ _FROM = 0.8
 sharp ones explain 0.87 to 0.94 (four plates of 1 to 1.5 m, even seeds)."""
 
 _ROUND_WORTH = 0.02
-"""Share of the log likelihood that round corners have to bring: by 20 mm they bring 6 to 15 %, by 10 mm 2.6 to 6 (four
+"""Share of the log likelihood that round corners have to bring over sharp ones: by 20 mm they bring 6 to 15 %, by 10 mm 2.6 to 6 (four
 plates, even seeds), and where an edge is curved, which none are, up to 1 % was put down to them."""
 
 _FAINT = 0.5
@@ -55,9 +55,12 @@ def round_corners(ground: Ground, standing: Standing) -> Wave | None:
     if not refined:
         return None
     best = at_best(ground, refined, _more(ground), _RADIUS_STEP * ground.cycle_m)
-    least = _ROUND_WORTH * wave.value + (len(best.walls) - len(wave.walls)) * ground.least_gain(wave.value)
+    least = (1 + len(best.walls) - len(wave.walls)) * ground.least_gain(wave.value)
     enough = ground.explained(best, ALL_EXPLAINED) > EXPLAINED - ground.uncertainty
-    return best if enough and best.value > wave.value + least else None
+    if not enough or best.value < wave.value + least:
+        return None
+    sharp = ground.wave.refine(best.with_walls(replace(best.walls, round=np.empty(0))), FULL_ORDER)
+    return best if sharp is None or best.value > (1.0 + _ROUND_WORTH) * sharp.value else None
 
 
 def _bases(ground: Ground, wave: Wave) -> list[Wave]:
