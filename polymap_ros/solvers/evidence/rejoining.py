@@ -16,7 +16,8 @@ def rejoined(search: Search, chain: Chain, track: Track) -> Track:
     """Return a track with the pings before and behind it that fit one place between its walls."""
     for pings in (behind(track, chain)[-LOOKED_AT:], np.arange(track.pings[0])[:LOOKED_AT]):
         if len(pings) >= FEWEST:
-            walls = KnownWalls(track.found.walls.lines, track.found.walls.reflection)
+            found = track.found.walls
+            walls = KnownWalls(found.lines, found.reflection, bend=found.bend, round=found.round)
             tracks = whereabouts(search, chain, walls, pings)
             if len(tracks) == 1:
                 track = improved_track(search, chain, onward_from(search, chain, joined(search, track, tracks[0])))

@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from polymap_ros.geometry.paths import first_orders
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.parabola import at_best, follow_covariance
+from polymap_ros.solvers.evidence.moves.round import round_corners
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import (
-    ALL_EXPLAINED,
     EDGE_PRICE,
     EXPLAINED,
     FULL_ORDER,
     SEARCH_ORDER,
+    WHOLE,
 )
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
@@ -50,7 +51,8 @@ _BEND_ERROR = 0.5
 def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
     """Return the waveform with a wall that is curved, or curved otherwise, where that is worth clearly more.
 
-    It has to explain the echoes: what a wall in another cycle leaves, a curve explains a part of.
+    It has to explain the echoes, if need be with round corners: what a wall in another cycle leaves, a curve explains a
+    part of.
     """
     wave = standing.wave
     if not wave.walls.convex_outline or len(wave.storey):
@@ -65,8 +67,12 @@ def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
         if best.value < wave.value + _BY_ITSELF * least:
             continue
         best = at_best(ground, best, _Curved(ground, wall), 1.0)
-        enough = ground.explained(best, ALL_EXPLAINED) > EXPLAINED - ground.uncertainty
-        if enough and best.value > wave.value + least:
+        if best.value < wave.value + least:
+            continue
+        share = ground.explained(best, WHOLE)
+        if share < WHOLE and (rounded := round_corners(ground, Standing(standing.power, best, share))) is not None:
+            return rounded
+        if share > EXPLAINED - ground.uncertainty:
             # It may only have led the walls on.
             plain = ground.wave.refine(best.with_walls(_with_bend(best.walls, wall, 0.0)), FULL_ORDER)
             return plain if plain is not None and plain.value > best.value - least else best

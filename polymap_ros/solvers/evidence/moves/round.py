@@ -15,6 +15,9 @@ _RADII_CYCLES = 0.5, 1.0, 2.0, 3.0, 4.5
 """Cycles of range that corners' radii are tried at: 5 to 47 mm at 100 kHz in 6 mm of aluminium. Less cuts off less than
 the ends of walls are soft by."""
 
+_REFINED_RADII = 3
+"""Of them, with these edges or those, the best so many are refined."""
+
 _AHEAD_CYCLES = 0.25
 """By how many cycles of range the echo of a round corner seems nearer than it is: it has passed a focus."""
 
@@ -27,8 +30,8 @@ _FROM = 0.8
 sharp ones explain 0.87 to 0.94 (four plates of 1 to 1.5 m, even seeds)."""
 
 _ROUND_WORTH = 0.02
-"""Share of the log likelihood that round corners have to bring over sharp ones: by 20 mm they bring 6 to 15 %, by 10 mm 2.6 to 6 (four
-plates, even seeds), and where an edge is curved, which none are, up to 1 % was put down to them."""
+"""Share of the log likelihood that round corners have to bring over sharp ones: by 20 mm they bring 6 to 15 %, by 10 mm
+2.6 to 6 (four plates, even seeds), and where an edge is curved, which none are, up to 1 % was put down to them."""
 
 _FAINT = 0.5
 """Coefficient of an edge that may stand for a corner's silence: where corners are round those had 0.08 to 0.33 (three
@@ -47,14 +50,16 @@ def round_corners(ground: Ground, standing: Standing) -> Wave | None:
         return None
     radii = [cycles * ground.cycle_m for cycles in _RADII_CYCLES]
     begun = [_rounded(ground, base, radius) for base in _bases(ground, wave) for radius in radii]
-    few = [ground.few_wave.evaluate(wave.walls, wave, FULL_ORDER),
-           *(ground.few_wave.evaluate(each.walls, each, FULL_ORDER) for each in begun)]
-    best = max((each for each in few if each is not None), key=lambda each: each.value, default=None)
+    few = [ground.few_wave.evaluate(each.walls, each, FULL_ORDER) for each in begun]
+    as_is = ground.few_wave.evaluate(wave.walls, wave, FULL_ORDER)
+    better = [each for each in few if each is not None and as_is is not None and each.value > as_is.value]
     ground.checkpoint()
-    refined = best and len(best.walls.round) and ground.wave.refine(best, FULL_ORDER)
-    if not refined:
+    better = sorted(better, key=lambda each: -each.value)[:_REFINED_RADII]
+    trials = [ground.wave.refine(each, FULL_ORDER) for each in better]
+    best = max((each for each in trials if each is not None), key=lambda each: each.value, default=None)
+    if best is None:
         return None
-    best = at_best(ground, refined, _more(ground), _RADIUS_STEP * ground.cycle_m)
+    best = at_best(ground, best, _more(ground), _RADIUS_STEP * ground.cycle_m)
     least = (1 + len(best.walls) - len(wave.walls)) * ground.least_gain(wave.value)
     enough = ground.explained(best, ALL_EXPLAINED) > EXPLAINED - ground.uncertainty
     if not enough or best.value < wave.value + least:
@@ -64,13 +69,19 @@ def round_corners(ground: Ground, standing: Standing) -> Wave | None:
 
 
 def _bases(ground: Ground, wave: Wave) -> list[Wave]:
-    """Return the waveform, and that without the short, faint edges that stand where a corner is silent."""
+    """Return the waveform, and that without the short edges, the faint ones or all, that may stand where a corner is
+    silent.
+    """
     _, corners = corners_of(wave.walls.outline)
     lengths = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
-    walls, short = wave.walls, lengths < SHORT_EDGES[-1] * ground.width_m
-    for wall in np.flatnonzero(short & (np.abs(walls.reflection) < _FAINT))[::-1]:
-        walls = walls.without(int(wall))
-    return [wave] if len(walls) == len(wave.walls) else [wave, wave.with_walls(walls)]
+    short, bases = lengths < SHORT_EDGES[-1] * ground.width_m, [wave]
+    for left_out in (short & (np.abs(wave.walls.reflection) < _FAINT), short):
+        walls = wave.walls
+        for wall in np.flatnonzero(left_out)[::-1]:
+            walls = walls.without(int(wall))
+        if len(walls) < len(bases[-1].walls):
+            bases.append(wave.with_walls(walls))
+    return bases
 
 
 def corner_radius(ground: Ground, wave: Wave) -> tuple[float, float]:
