@@ -34,8 +34,8 @@ class Edge:
     curvature : float
         Of a wall that is not straight, which touches the line in the middle of the edge [1/m]; above 0 where the room
         bulges.
-    curvature_std : float or None
-        Its standard deviation [1/m]; None for a straight wall.
+    curvature_std : float
+        Its standard deviation [1/m]; 0 for a straight wall.
     """
 
     r: float
@@ -46,7 +46,7 @@ class Edge:
     pings: int = 0
     r_theta_covariance: float = 0.0
     curvature: float = 0.0
-    curvature_std: float | None = None
+    curvature_std: float = 0.0
 
     def __repr__(self) -> str:
         r_std, theta_std = (None if std is None else float(f'{std:.3g}') for std in (self.r_std, self.theta_std))

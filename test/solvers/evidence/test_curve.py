@@ -44,7 +44,7 @@ def test_a_curved_wall_is_found_and_told(seed, edges, radius_m):
 
 def test_a_straight_plate_has_no_curved_wall():
     _, answer = solved(random_scene(4, 6))
-    assert all(edge.curvature == 0.0 and edge.curvature_std is None for edge in answer.polygon.edges)
+    assert all(edge.curvature == 0.0 and edge.curvature_std == 0.0 for edge in answer.polygon.edges)
 
 
 @pytest.mark.parametrize('variant', ['curved_20', 'curved_100'])
