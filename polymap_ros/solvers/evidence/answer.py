@@ -40,6 +40,10 @@ _SUGGESTIVE = 0.6
 _ROUND_EDGES = 16
 """Edges of the polygon in the place of a round hole: it is within 1.3 % of the radius."""
 
+_SLIGHT_RAD = float(np.deg2rad(6.0))
+"""Corners that turn by less, two or more in a row, are told: chords of a wall with a radius of 20 m turned by 2 to 4
+degrees each (one plate), and such corners are seldom cut on purpose."""
+
 _LOCATED = 0.1
 """Share of that range which the deviation of a wall may have that counts as certain."""
 
@@ -141,6 +145,8 @@ class Findings:
         if len(certainty.curvature_std):
             _, corners = corners_of(found.lines)
             cautions.append(wording.curved_edges(found.walls.curvature, certainty.curvature_std, corners))
+        if run := found.walls.slight_run(_SLIGHT_RAD):
+            cautions.append(wording.as_a_curve(run))
         if found.wave is not None and len(found.walls.round):
             cautions.append(wording.rounded_corners(*corner_radius(self.search, found.wave)))
         cautions += _dispersion(self.search)

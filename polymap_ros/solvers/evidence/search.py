@@ -17,7 +17,7 @@ from polymap_ros.solvers.checkpoint import Checkpoint, unwatched
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.edge_phase import EdgePhase, laws
 from polymap_ros.solvers.evidence.ground import Ground
-from polymap_ros.solvers.evidence.moves.curve import curve_wall, in_the_middle
+from polymap_ros.solvers.evidence.moves.curve import curve_wall, in_the_middle, straightened
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import look_for_faint
 from polymap_ros.solvers.evidence.moves.hole import with_hole
@@ -263,7 +263,7 @@ class Search(Ground):
                 break
             wave = better
         if free(wave.walls) is wave.walls:
-            return self.judged(power, wave)
+            return self.judged(power, straightened(self, wave))
         loose = self.wave.refine(wave.with_walls(free(wave.walls)), FULL_ORDER)
         return None if loose is None else self.changed(power, loose)
 

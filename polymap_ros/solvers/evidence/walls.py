@@ -104,6 +104,14 @@ class Walls:
         """Whether a corner of the outline points inwards."""
         return bool(np.any(self.turns >= np.pi))
 
+    def slight_run(self, below_rad: float) -> list[int]:
+        """Return the edges of the longest run that turn left by less than this, two times or more one after the other.
+        """
+        slight, n = self.turns < below_rad, self.ring
+        runs = [[(first + k) % n for k in range(corners + 1)] for first in range(n) for corners in range(2, n)
+                if all(slight[(first + k) % n] for k in range(1, corners + 1))]
+        return max(runs, key=len, default=[])
+
     @property
     def convex_outline(self) -> bool:
         """Whether the lines, in their order, bound a convex outline, with nothing inside."""

@@ -272,6 +272,13 @@ def curved_edges(
     return Caution('curved_edge', '; '.join(told))
 
 
+def as_a_curve(edges: Sequence[int]) -> Caution:
+    """Say that edges in a row may be one wall."""
+    told = ', '.join(str(edge) for edge in edges)
+    return Caution('curved_edge', f'edges {told} turn hardly from one to the next, as chords of one curved wall do',
+                   'look whether they are one; where there are corners, nothing')
+
+
 def rounded_corners(radius_m: float, deviation_m: float) -> Caution:
     """Say by how much corners are rounded."""
     return Caution('rounded_corners', f'the corners are rounded by a radius of {1e3 * radius_m:.1f} mm '

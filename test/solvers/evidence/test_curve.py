@@ -13,6 +13,8 @@ from polymap_ros.parameters import Parameters
 from polymap_ros.results.polygon_json import polygon_document
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.random_scenes import random_scene
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.wording import as_a_curve
 
 
 def solved(scene):
@@ -45,6 +47,23 @@ def test_a_curved_wall_is_found_and_told(seed, edges, radius_m):
 def test_a_straight_plate_has_no_curved_wall():
     _, answer = solved(random_scene(4, 6))
     assert all(edge.curvature == 0.0 and edge.curvature_std == 0.0 for edge in answer.polygon.edges)
+
+
+def test_a_wall_that_was_bent_on_the_way_is_straight_in_the_end():
+    """Five edges by power, one of which is bent, until one of them goes."""
+    _, answer = solved(random_scene(101, 4))
+    assert answer.cautions == ()
+
+
+def test_edges_in_a_row_that_turn_hardly_are_told_of_as_a_curve():
+    arc = [(1.0, t) for t in np.deg2rad((80.0, 84.0, 88.0, 92.0))]
+    walls = Walls(np.array([(1.0, -0.5 * np.pi), (1.0, 0.0), *arc, (1.0, np.pi)]), np.ones(7))
+    assert walls.slight_run(np.deg2rad(6.0)) == [2, 3, 4, 5]
+    assert walls.slight_run(np.deg2rad(3.0)) == []
+    caution = as_a_curve([2, 3, 4, 5])
+    assert caution.code == 'curved_edge'
+    assert '2, 3, 4, 5' in caution.text
+    assert not any(Walls.of_polygon(random_scene(seed, 8).vertices).slight_run(np.deg2rad(6.0)) for seed in range(50))
 
 
 @pytest.mark.parametrize('variant', ['curved_20', 'curved_100'])

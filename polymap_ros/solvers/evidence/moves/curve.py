@@ -79,6 +79,15 @@ def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
     return None
 
 
+def straightened(ground: Ground, wave: Wave) -> Wave:
+    """Return the waveform with walls that are straight where that is worth as much: what bent one may be gone."""
+    for wall in np.flatnonzero(wave.walls.curvature):
+        plain = ground.wave.refine(wave.with_walls(_with_bend(wave.walls, int(wall), 0.0)), FULL_ORDER)
+        if plain is not None and plain.value > wave.value - ground.least_gain(wave.value):
+            wave = plain
+    return wave
+
+
 def in_the_middle(ground: Ground, wave: Wave) -> Wave:
     """Return the same waveform with lines that touch curved walls in the middles of the edges."""
     walls = wave.walls
