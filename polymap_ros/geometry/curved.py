@@ -5,12 +5,11 @@ front of it, so that with c above 0 the room bulges. A path over it is where the
 each side is stationary, found by Newton's method from where straight sides reflect it.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.image_sources import faded
+from polymap_ros.geometry.path_room import Paths
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel
 
@@ -25,18 +24,6 @@ _LONGER = 4.0
 """Sides of an outline are taken to be longer, at each end, where images are looked for, by so many times the length of
 the longest and twice the slope at the ends of one that is curved: a path that it reflects twice, in five reflections,
 is aside by as much from that over straight sides."""
-
-
-class Curved(NamedTuple):
-    """Room for paths over such sides, as of `geometry.paths.Paths`."""
-
-    half: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    hits: NDArray[np.int64]
-    bounces: NDArray[np.int64]
-    walls: NDArray[np.int64]
-    slopes: NDArray[np.float64]
-    moves: NDArray[np.float64]
 
 
 @kernel
@@ -91,7 +78,7 @@ def curved_sides(sides: Sides, bend: NDArray[np.float64]) -> Sides:
 
 @kernel
 def from_round_corners(
-    sides: Sides, ends: NDArray[np.float64], range_max: float, soft: float, count: int, paths: Curved
+    sides: Sides, ends: NDArray[np.float64], range_max: float, soft: float, count: int, paths: Paths
 ) -> int:
     """Add to the first `count` paths the echo of each corner that a ray through its circle's centre meets; returns how
     many there are.
@@ -126,7 +113,7 @@ def from_round_corners(
 
 @kernel
 def over_curves(
-    sides: Sides, ends: NDArray[np.float64], soft: float, count: int, paths: Curved
+    sides: Sides, ends: NDArray[np.float64], soft: float, count: int, paths: Paths
 ) -> int:
     """Fill `paths`, of which the first `count` have the sides that they meet, and return how many of them there are.
 
@@ -219,8 +206,21 @@ def _settled(
             return 0.0, -np.inf, 1.0
         moved = np.max(np.abs(slope))
         along -= min(1.0, _OF_LEG * np.min(length) / max(moved, _SHORTEST_LEG_M)) * slope
-    inside = np.inf if moved < _AT_REST_M else -np.inf
-    wide, opening = length[0], 1.0
+    inside, focused = _described(sides, sequence, along, points, tangents, unit, length, slopes, moves)
+    return 0.5 * np.sum(length), inside if moved < _AT_REST_M else -np.inf, focused
+
+
+@kernel
+def _described(
+    sides: Sides, sequence: NDArray[np.int64], along: NDArray[np.float64], points: NDArray[np.float64],
+    tangents: NDArray[np.float64], unit: NDArray[np.float64], length: NDArray[np.float64],
+    slopes: NDArray[np.float64], moves: NDArray[np.float64],
+) -> tuple[float, float]:
+    """Fill the derivatives of a path over its points, by its legs' directions and lengths; returns how far inside it
+    stays and what it is focused by.
+    """
+    rows, bend, hits = sides.rows, sides.bend, len(sequence)
+    inside, wide, opening = np.inf, length[0], 1.0
     for k in range(hits):
         wall = sequence[k]
         inside = min(inside, along[k] - bend[wall, 2], bend[wall, 3] - along[k])
@@ -235,8 +235,7 @@ def _settled(
         wide += length[k + 1] * opening
     moves[0], moves[1] = -0.5 * unit[0, 0], -0.5 * unit[0, 1]
     moves[2], moves[3] = 0.5 * unit[hits, 0], 0.5 * unit[hits, 1]
-    whole = np.sum(length)
-    return 0.5 * whole, inside, np.sqrt(whole / max(abs(wide), _AT_REST_M))
+    return inside, np.sqrt(np.sum(length) / max(abs(wide), _AT_REST_M))
 
 
 @kernel

@@ -9,59 +9,14 @@ have to: twice where the angle is smaller, not at all where it is larger.
 Where there are floor and ceiling (`geometry.storey`), each path is there once for each of their images, too.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.curved import Curved, from_round_corners, over_curves
+from polymap_ros.geometry.curved import from_round_corners, over_curves
 from polymap_ros.geometry.image_sources import faded, trace_images
+from polymap_ros.geometry.path_room import Paths
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel, within_kernels
-
-CAPACITY = 512
-"""Paths kept per ping: an octagon of order 5 has about 110."""
-
-class Paths(NamedTuple):
-    """Room for the paths of one ping.
-
-    Attributes
-    ----------
-    half : ndarray, shape (capacity,)
-        Half the path's length [m].
-    weight : ndarray, shape (capacity,)
-        What the ends of its walls leave of it, in (0, 1], times the coefficients of floor and ceiling.
-    hits : ndarray, shape (capacity,), int64
-        Number of reflections from walls.
-    bounces : ndarray, shape (capacity,), int64
-        Number of reflections from floor and ceiling.
-    walls : ndarray, shape (capacity, order), int64
-        Walls in the order they are hit; -1 beyond `hits`.
-    slopes : ndarray, shape (capacity, order, 2)
-        Derivatives of `half` by r and theta of each of these walls; by r it is the cosine of incidence, below 0 at the
-        back of an inner wall.
-    moves : ndarray, shape (capacity, 4)
-        Derivatives of `half` by x and y of the emitter and of the receiver.
-    images : ndarray, shape (capacity, 3)
-        Image of the emitter [m], and the share of the path that no wall in the way takes.
-    """
-
-    half: NDArray[np.float64]
-    weight: NDArray[np.float64]
-    hits: NDArray[np.int64]
-    bounces: NDArray[np.int64]
-    walls: NDArray[np.int64]
-    slopes: NDArray[np.float64]
-    moves: NDArray[np.float64]
-    images: NDArray[np.float64]
-
-
-@kernel
-def room_for_paths(order: int) -> Paths:
-    """Room for paths of up to so many reflections."""
-    return Paths(np.empty(CAPACITY), np.empty(CAPACITY), np.empty(CAPACITY, np.int64), np.empty(CAPACITY, np.int64),
-                 np.empty((CAPACITY, order), np.int64), np.empty((CAPACITY, order, 2)), np.empty((CAPACITY, 4)),
-                 np.empty((CAPACITY, 3)))
 
 
 @kernel
@@ -124,9 +79,8 @@ def trace_paths(
             sides, ends[0], ends[1], ends[2], ends[3], order, farthest, soft, False, images, walls))
     chain = np.empty((order + 1, 2))
     kept = 0
-    room = Curved(paths.half, paths.weight, paths.hits, paths.bounces, walls, slopes, moves)
     if len(sides.bend) > 0:
-        kept, count = over_curves(sides, ends, soft, count, room), 0
+        kept, count = over_curves(sides, ends, soft, count, paths), 0
     for m in range(count):
         x, y = images[m, 0] - ends[2], images[m, 1] - ends[3]
         flat = 0.5 * np.sqrt(x * x + y * y)
@@ -149,7 +103,7 @@ def trace_paths(
                 walls[kept, level] = sides.wall[walls[kept, level]]
             kept += 1
     if len(sides.round) > 0:
-        kept = from_round_corners(sides, ends, range_max, soft, kept, room)
+        kept = from_round_corners(sides, ends, range_max, soft, kept, paths)
     return kept if len(storey) == 1 else _with_storey(storey, ends, order, range_max, derive, kept, paths)
 
 

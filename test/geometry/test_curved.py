@@ -7,7 +7,8 @@ import pytest
 from scipy.optimize import minimize
 
 from polymap_ros.geometry.outline import corners_of
-from polymap_ros.geometry.paths import CAPACITY, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import CAPACITY, room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.bent_edges import BentOutline
 from polymap_ros.simulation.random_scenes import random_scene

@@ -10,7 +10,8 @@ from references import bounded_area, unfold
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import corners_of, half_plane_polygon, is_convex
-from polymap_ros.geometry.paths import CAPACITY, Paths, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import CAPACITY, Paths, room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.random_scenes import random_scene

@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from polymap_ros.geometry.lines import polygon_lines
-from polymap_ros.geometry.paths import CAPACITY, Paths, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import CAPACITY, Paths, room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.sides import NOTHING, Interior, sides_of
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.reflectors import Reflectors, heard_images

@@ -4,7 +4,8 @@ import numpy as np
 import pyroomacoustics
 import pytest
 
-from polymap_ros.geometry.paths import CAPACITY, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import CAPACITY, room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 

@@ -8,7 +8,8 @@ import shapely
 
 from polymap_ros.errors import SceneError
 from polymap_ros.geometry.lines import polygon_lines
-from polymap_ros.geometry.paths import room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.sides import Interior, sides_of
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.parameters import SensorParameters

@@ -9,7 +9,8 @@ walls say little, and what is heard there is nothing that they leave unexplained
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.paths import room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.jit import kernel

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.paths import Paths, falloff
+from polymap_ros.geometry.path_room import Paths
+from polymap_ros.geometry.paths import falloff
 from polymap_ros.jit import kernel, within_kernels
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER
 

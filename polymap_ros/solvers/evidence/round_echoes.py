@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.geometry.outline import inside
-from polymap_ros.geometry.paths import Paths, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import Paths, room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.round_legs import is_hidden
 from polymap_ros.geometry.round_ways import round_echoes
 from polymap_ros.geometry.sides import Sides

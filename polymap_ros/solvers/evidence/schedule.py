@@ -10,7 +10,7 @@ import numpy as np
 
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.corner_cut import cut_corner
-from polymap_ros.solvers.evidence.moves.curve import curve_wall
+from polymap_ros.solvers.evidence.moves.curve import curve_at_last, curve_wall
 from polymap_ros.solvers.evidence.moves.faint import hear_faint, look_for_faint
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, tune_inner_walls
 from polymap_ros.solvers.evidence.moves.late import delay_envelopes, tune_delay
@@ -48,7 +48,7 @@ SCHEDULE: Schedule = (
     *_OF_ANY_OUTLINE,
     (hear_faint, np.inf),
     (add_from_residual, ALL_EXPLAINED),
-    (curve_wall, WHOLE),
+    (curve_at_last, WHOLE),
     (cut_corner, WHOLE),
     (delay_envelopes, WHOLE),
     (look_for_faint, ALL_EXPLAINED),  # the dearest

@@ -104,7 +104,7 @@ def free(walls: Walls) -> Walls:
     """Return the same walls, each by itself."""
     if not isinstance(walls, SquareWalls):
         return walls
-    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior, walls.bend)
+    return Walls(walls.lines, walls.reflection, walls.delay, walls.interior)
 
 
 def tied_hole(walls: Walls, lines: NDArray[np.float64]) -> SquareWalls:
@@ -146,4 +146,4 @@ def squared(walls: Walls) -> SquareWalls | None:
     moved = group != np.arange(len(lines))
     moved |= np.isin(np.arange(len(lines)), group[moved])
     lines[moved, 0] = np.einsum('ij,ij->i', middles, turned)[moved]
-    return SquareWalls(np.ascontiguousarray(lines), walls.reflection, walls.delay, bend=walls.bend, group=numbers)
+    return SquareWalls(np.ascontiguousarray(lines), walls.reflection, walls.delay, group=numbers)

@@ -197,11 +197,11 @@ class Walls:
         return replace(longer, interior=Interior(np.append(holes, len(lines)), spans))
 
     def _longer(self, lines: NDArray[np.float64], reflection: float, at: int) -> Self:
-        """Return the walls and others before wall `at`, all of them straight."""
+        """Return the walls and others before wall `at`, all of them straight, and the corners sharp."""
         return replace(self, lines=np.ascontiguousarray(np.insert(self.lines, at, lines, 0)),
                        reflection=np.insert(self.reflection, at, np.full(len(lines), reflection)),
                        delay=np.insert(self.delay, at, np.zeros(len(lines))) if len(self.delay) else self.delay,
-                       bend=np.empty((0, 2)))
+                       bend=np.empty((0, 2)), round=np.empty(0))
 
     def silenced(self, wall: int) -> Self:
         """Return the walls with one of them silent."""

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.paths import Paths, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import Paths, room_for_paths
+from polymap_ros.geometry.paths import trace_paths
 from polymap_ros.geometry.sides import Sides
 from polymap_ros.jit import kernel, within_kernels
 from polymap_ros.solvers.evidence.edge_phase import COMMON

@@ -13,7 +13,8 @@ from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import corners_of, half_plane_polygon
-from polymap_ros.geometry.paths import first_order, room_for_paths, trace_paths
+from polymap_ros.geometry.path_room import room_for_paths
+from polymap_ros.geometry.paths import first_order, trace_paths
 from polymap_ros.geometry.sides import outline_sides
 from polymap_ros.geometry.storey import Storey
 from polymap_ros.simulation.waveforms import Synthesis

@@ -12,6 +12,7 @@ from polymap_ros.solvers.evidence.moves.parabola import at_best, follow_covarian
 from polymap_ros.solvers.evidence.moves.round import round_corners
 from polymap_ros.solvers.evidence.moves.standing import Standing
 from polymap_ros.solvers.evidence.tuning import (
+    ALL_EXPLAINED,
     EDGE_PRICE,
     EXPLAINED,
     FULL_ORDER,
@@ -79,6 +80,11 @@ def curve_wall(ground: Ground, standing: Standing) -> Wave | None:
     return None
 
 
+def curve_at_last(ground: Ground, standing: Standing) -> Wave | None:
+    """Do the same where so little is left that other moves come first; where more is, it has been tried."""
+    return curve_wall(ground, standing) if standing.explained >= ALL_EXPLAINED else None
+
+
 def straightened(ground: Ground, wave: Wave) -> Wave:
     """Return the waveform with walls that are straight where that is worth as much: what bent one may be gone."""
     for wall in np.flatnonzero(wave.walls.curvature):
@@ -104,21 +110,22 @@ def _begun(ground: Ground, wave: Wave, least: float) -> Iterator[tuple[int, Wave
     if gain > 0.0:
         yield wall, _in_phase(ground, wave.with_walls(walls))
     ground.checkpoint()
-    gains = [(_gain(ground, wave, wall), wall) for wall, _, _ in bends]
+    begun = wave.with_walls(replace(wave.walls, bend=_straight(ground, wave.walls)))
+    here = ground.few_wave.evaluate(begun.walls, begun, FULL_ORDER)
+    gains = [(_gain(ground, here, wall), wall) for wall, _, _ in bends] if here else []
     if gains and max(gains)[0] > _BY_ITSELF * least:
-        straight = replace(wave.walls, bend=_straight(ground, wave.walls))
-        yield max(gains)[1], ground.wave.refine(wave.with_walls(straight), FULL_ORDER)
+        yield max(gains)[1], ground.wave.refine(begun, FULL_ORDER)
 
 
-def _gain(ground: Ground, wave: Wave, wall: int) -> float:
-    """Return what a wall's curvature gains with all else as it is, by a parabola and a part of the pings."""
+def _gain(ground: Ground, here: Wave, wall: int) -> float:
+    """Return what a wall's curvature gains with all else as it is, by a parabola, of a waveform by a part of the pings.
+    """
     curved = _Curved(ground, wall)
-    begun = replace(wave, walls=replace(wave.walls, bend=_straight(ground, wave.walls)))
-    here, *beside = (ground.few_wave.evaluate(each.walls, each, FULL_ORDER)
-                     for each in (begun, curved(begun, -1.0), curved(begun, 1.0)))
-    if here is None or beside[0] is None or beside[1] is None:
+    before, after = (ground.few_wave.evaluate(each.walls, each, FULL_ORDER)
+                     for each in (curved(here, -1.0), curved(here, 1.0)))
+    if before is None or after is None:
         return 0.0
-    slope, bend = beside[1].value - beside[0].value, 2.0 * here.value - beside[0].value - beside[1].value
+    slope, bend = after.value - before.value, 2.0 * here.value - before.value - after.value
     return ground.share * (abs(slope) if bend <= 0.0 else 0.125 * slope**2 / bend)
 
 
