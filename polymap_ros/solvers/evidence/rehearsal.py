@@ -9,6 +9,7 @@ from polymap_ros.jit import IS_COMPILED
 from polymap_ros.parameters import Parameters
 from polymap_ros.solvers.checkpoint import Stopped
 from polymap_ros.solvers.evidence.first_walls import first_walls
+from polymap_ros.solvers.evidence.moves.curve import rehearse_curves
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import rehearse_faint
 from polymap_ros.solvers.evidence.moves.hole import rehearse_holes
@@ -44,6 +45,8 @@ def rehearse(evidence: Evidence, parameters: Parameters) -> None:
         improved(search, square, 1, np.empty((0, 2)), residual=True)
         search.settle(square)
     judged = search.judge(square)
+    if judged is not None and judged.wave is not None:
+        rehearse_curves(search, judged.wave)
     rehearse_faint()
     if parameters.solver.outline == 'auto' and IS_COMPILED:
         rehearse_rings(search, walls.lines)

@@ -157,10 +157,14 @@ class Walls:
     def without(self, wall: int) -> Self:
         """Return the walls without one of them."""
         lines = np.ascontiguousarray(np.delete(self.lines, wall, 0))
-        return replace(self, lines=lines, reflection=np.delete(self.reflection, wall),
-                       delay=np.delete(self.delay, wall) if len(self.delay) else self.delay,
-                       bend=np.delete(self.bend, wall, 0) if len(self.bend) else self.bend,
-                       interior=self._interior_without(wall))
+        fewer = replace(self, lines=lines, reflection=np.delete(self.reflection, wall),
+                        delay=np.delete(self.delay, wall) if len(self.delay) else self.delay,
+                        interior=self._interior_without(wall))
+        return fewer.with_bend(np.delete(self.bend, wall, 0)) if len(self.bend) else fewer
+
+    def with_bend(self, bend: NDArray[np.float64]) -> Self:
+        """Return the walls curved so (n, 2); straight ones, without a bend, where none is."""
+        return replace(self, bend=bend if np.any(bend[:, 0]) else np.empty((0, 2)))
 
     def without_hole(self, hole: int) -> Self:
         """Return the walls without those of a hole."""

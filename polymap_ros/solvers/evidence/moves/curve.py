@@ -102,6 +102,14 @@ def in_the_middle(ground: Ground, wave: Wave) -> Wave:
     return replace(wave, walls=walls)
 
 
+def rehearse_curves(ground: Ground, wave: Wave) -> None:
+    """Use the kernels of curved walls and round corners once, on walls that are straight."""
+    walls = replace(wave.walls, round=np.array((_BEND_CYCLES * ground.cycle_m, 0.0)))
+    bent = replace(walls, bend=_straight(ground, walls))
+    for derive in (False, True):
+        ground.wave.evaluate(bent, wave, SEARCH_ORDER, derive=derive)
+
+
 def _begun(ground: Ground, wave: Wave, least: float) -> Iterator[tuple[int, Wave | None]]:
     """Give the wall whose first echoes gain most by a curve, with that, and the one by which a little of it gains most.
     """
@@ -209,10 +217,10 @@ def _centred(ground: Ground, walls: Walls) -> Walls:
 
 
 def _with_bend(walls: Walls, wall: int, curvature: float) -> Walls:
-    """Return the walls with one of them curved so; all are straight ones without a bend again where none is curved."""
+    """Return the walls with one of them curved so."""
     bend = walls.bend.copy()
     bend[wall, 0] = curvature
-    return replace(walls, bend=bend if np.any(bend[:, 0]) else np.empty((0, 2)))
+    return walls.with_bend(bend)
 
 
 def _half_lengths(ground: Ground, walls: Walls) -> NDArray[np.float64]:
