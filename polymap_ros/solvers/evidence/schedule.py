@@ -31,18 +31,21 @@ from polymap_ros.solvers.evidence.waveform import Wave
 Schedule: TypeAlias = tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]
 """Moves of the waveform in the order in which they are tried, each where less than a share is explained."""
 
+_SLIPS = fix_cycle_slips, np.inf
+"""First, and cheap: a wall that is only half a cycle off bends, turns the phase or goes, by the moves that follow."""
+
 _OF_ANY_OUTLINE: Schedule = (
     (tune_storey, np.inf),
     (hear_louder, np.inf),  # before strengths by order take what is lost on the way
     (turn_law, ALL_EXPLAINED),
     (weigh_orders, np.inf),  # before a wall that is not there takes echoes away that were not there
     (turn_phase, WHOLE),  # before what a phase makes of a wall is put down to its place
-    (fix_cycle_slips, np.inf),  # before a wall goes that is only half a cycle off
     (drop_wall, np.inf),
     (tune_delay, np.inf),
 )
 
 SCHEDULE: Schedule = (
+    _SLIPS,
     (round_corners, WHOLE),  # before anything else is put down to their echoes
     (curve_wall, ALL_EXPLAINED),
     *_OF_ANY_OUTLINE,
@@ -56,6 +59,7 @@ SCHEDULE: Schedule = (
 """That for convex outlines."""
 
 RINGS: Schedule = (
+    _SLIPS,
     *_OF_ANY_OUTLINE,
     (square_up, np.inf),
     (merge_walls, np.inf),
@@ -64,6 +68,7 @@ RINGS: Schedule = (
 """The same for outlines that are not convex."""
 
 INSIDE: Schedule = (
+    _SLIPS,
     *_OF_ANY_OUTLINE,
     (tune_inner_walls, ALL_EXPLAINED),
     (add_inner_wall, ALL_EXPLAINED),
