@@ -57,7 +57,7 @@ def polygon_document(
         'method': estimate.method,
         **(_candidate(closed, estimate.holes) if closed else
            {'vertices': [], 'edges': [], 'area': None, 'area_std': None}),
-        **(_interior(estimate) if closed else {}),
+        **(_interior(estimate) if closed else {}), **_corners(estimate),
         **_height(estimate.storey), 'walls': [_edge(edge) for edge in estimate.walls],
         'alternatives': [_candidate(candidate) for candidate in estimate.alternatives],
         'cost': _number(estimate.cost), 'iou_free_area': _number(estimate.iou_free_area),
@@ -77,6 +77,13 @@ def _interior(estimate: Estimate) -> dict[str, Any]:
     found = {'holes': [_candidate(hole) for hole in estimate.holes],
              'inner_walls': [_inner_wall(wall) for wall in estimate.inner_walls]}
     return {name: each for name, each in found.items() if each}
+
+
+def _corners(estimate: Estimate) -> dict[str, Any]:
+    """By how much corners are rounded, where they are."""
+    if not estimate.corner_radius:
+        return {}
+    return {'corner_radius': _number(estimate.corner_radius), 'corner_radius_std': _number(estimate.corner_radius_std)}
 
 
 def _height(storey: Storey) -> dict[str, Any]:

@@ -255,6 +255,8 @@ class Estimate:
         Holes in `polygon`, clockwise: the normals of their edges point into them.
     inner_walls : tuple of InnerWall
         Walls that stand inside `polygon`.
+    corner_radius, corner_radius_std : float
+        By which all corners are rounded, and its standard deviation [m]; 0 where they are sharp.
     """
 
     status: str
@@ -270,6 +272,8 @@ class Estimate:
     storey: Storey = field(default_factory=Storey)
     holes: tuple[Candidate, ...] = ()
     inner_walls: tuple[InnerWall, ...] = ()
+    corner_radius: float = 0.0
+    corner_radius_std: float = 0.0
 
     def __repr__(self) -> str:
         parts = [f'polygon={self.polygon!r}', *(f'{len(found)} {name}' for name, found in (

@@ -16,7 +16,6 @@ from polymap_ros.solvers.evidence.certainty import Certainty, certainty_of
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.dead_reckoning import as_dead_reckoned
 from polymap_ros.solvers.evidence.first_walls import first_walls
-from polymap_ros.solvers.evidence.moves.round import corner_radius
 from polymap_ros.solvers.evidence.round_echoes import RoundHoles
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.spacing import apart_m, reach_m
@@ -114,8 +113,9 @@ class Findings:
             return self.open()
         candidate = _curved(_ring(found.lines, 0, certainty, self.search.data.positions), found.walls, certainty)
         cautions = (*self.straight, *self._cautions(found, certainty))
+        radius_m, radius_std_m = certainty.corner_radius
         answer = Estimate('open', 'evidence', self.snapshot.stamp_ns, cost=-found.value, cautions=cautions,
-                          storey=found.storey)
+                          storey=found.storey, corner_radius=radius_m, corner_radius_std=radius_std_m)
         if self.straight:
             mirrored = candidate.mirrored(*path_axis(self.snapshot.positions))
             return dataclasses.replace(answer, status='ambiguous', alternatives=(candidate, mirrored))
@@ -147,8 +147,8 @@ class Findings:
             cautions.append(wording.curved_edges(found.walls.curvature, certainty.curvature_std, corners))
         if run := found.walls.slight_run(_SLIGHT_RAD):
             cautions.append(wording.as_a_curve(run))
-        if found.wave is not None and len(found.walls.round):
-            cautions.append(wording.rounded_corners(*corner_radius(self.search, found.wave)))
+        if certainty.corner_radius[0]:
+            cautions.append(wording.rounded_corners(*certainty.corner_radius))
         cautions += _dispersion(self.search)
         if found.wave is None and self.search.coherent:
             cautions.append(wording.incoherent())

@@ -9,6 +9,7 @@ from scipy.special import expit
 from polymap_ros.solvers.evidence.corner_slopes import corner_slopes
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
 from polymap_ros.solvers.evidence.moves.curve import curvature_covariance
+from polymap_ros.solvers.evidence.moves.round import corner_radius
 from polymap_ros.solvers.evidence.moves.late import delay_covariance
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
@@ -44,6 +45,7 @@ class Certainty(NamedTuple):
 
     `silent` edges hardly reflect. `unsupported` ones bound the polygon and were not heard: they are silent, or without
     them nothing closes. `curvature_std` [1/m] is that of each edge that is curved; empty where all are straight.
+    `corner_radius` [m] is that of round corners and its deviation; 0 where they are sharp.
     """
 
     likelihood: NDArray[np.float64]
@@ -51,6 +53,7 @@ class Certainty(NamedTuple):
     silent: NDArray[np.bool_]
     unsupported: int
     curvature_std: NDArray[np.float64] = np.empty(0)
+    corner_radius: tuple[float, float] = (0.0, 0.0)
 
 
 def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] | None = None) -> Certainty:
@@ -81,14 +84,16 @@ def certainty_of(search: Search, found: Found, with_poses: NDArray[np.float64] |
     if found.wave is not None and found.wave.loudness.late != 0.0:
         covariance += delay_covariance(search, found.wave)
         covariance[np.ix_(offsets, offsets)] += (_DELAY_ERROR * found.wave.loudness.late) ** 2
-    curvature_std = np.empty(0)
+    curvature_std, radius = np.empty(0), (0.0, 0.0)
     if found.wave is not None and len(found.walls.bend):
         curvature_std, more = curvature_covariance(search, found.wave)
         covariance += more
+    if found.wave is not None and len(found.walls.round):
+        radius = corner_radius(search, found.wave)
     vague = np.sqrt(np.diag(covariance)[::2]) > 0.5 * search.data.pulse.width_m
     unsupported = int(np.sum(((bounding & (losses < PRICE)) | silent)[:found.walls.ring]))
     return Certainty(likelihood * np.where(vague, _VAGUE * doubt, doubt), covariance, silent, unsupported,
-                     curvature_std)
+                     curvature_std, radius)
 
 
 def _wave_loss(search: Search, wave: Wave, few: Wave, wall: int, enough: float) -> tuple[float, bool]:

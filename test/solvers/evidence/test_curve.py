@@ -76,10 +76,20 @@ def test_variants_bend_one_edge(variant):
 @pytest.mark.parametrize(('seed', 'edges', 'radius_m'), [(2, 3, 0.02), (4, 6, 0.02), (0, 5, 0.01)])
 def test_rounded_corners_are_found_and_told(seed, edges, radius_m):
     scene = dataclasses.replace(random_scene(seed, edges), edges=Edges(corner_radius_m=radius_m))
-    _, answer = solved(scene)
+    mapper, answer = solved(scene)
     trial = judged(answer, scene, 'evidence', 0.0)
     assert trial.right
     assert trial.cautions == ('rounded_corners',)
     assert max(trial.offsets_m) < 1e-4
     told_mm, deviation_mm = map(float, re.findall(r'[0-9.]+(?= mm)', answer.cautions[0].finding))
     assert abs(told_mm - 1e3 * radius_m) < 3.0 * deviation_mm < 2.0
+    moved = answer.moved(Pose(1.0, 2.0, 0.5))
+    document = polygon_document(moved, 'map', mapper.counts, mapper.parameters)
+    assert document['corner_radius'] == pytest.approx(1e-3 * told_mm, abs=5e-5)
+    assert document['corner_radius_std'] == pytest.approx(1e-3 * deviation_mm, abs=5e-5)
+
+
+def test_without_their_curved_wall_walls_are_straight_ones():
+    walls = Walls.of_polygon(random_scene(4, 6).vertices).with_bend(np.array([(0.0, 0.1)] * 5 + [(0.05, 0.2)]))
+    assert len(walls.without(2).bend) == 5
+    assert len(walls.without(5).bend) == 0
