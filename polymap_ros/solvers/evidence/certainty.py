@@ -9,8 +9,8 @@ from scipy.special import expit
 from polymap_ros.solvers.evidence.corner_slopes import corner_slopes
 from polymap_ros.solvers.evidence.likelihood import covariance_of, information_of
 from polymap_ros.solvers.evidence.moves.curve import curvature_covariance
-from polymap_ros.solvers.evidence.moves.round import corner_radius
 from polymap_ros.solvers.evidence.moves.late import delay_covariance
+from polymap_ros.solvers.evidence.moves.round import corner_radius
 from polymap_ros.solvers.evidence.power import Power
 from polymap_ros.solvers.evidence.search import Found, Search
 from polymap_ros.solvers.evidence.tuning import FULL_ORDER, OBVIOUS, PRICE, SILENT
