@@ -25,9 +25,9 @@ from polymap_ros.solvers.evidence.waveform import Wave
 _STEP_CYCLES = 0.125
 """Cycles of range between what is tried, at a wall's end: its echoes turn by 45 degrees there."""
 
-_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS = 9, 5, 6
+_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS = 18, 5, 6
 """So many steps to either side are tried: of how much a wall's ends fall back, by which it is turned, and by which it
-is shifted. Nine are 12 mm at 100 kHz in 6 mm of aluminium: a radius of 10 m over one metre, or of 40 m over two."""
+is shifted. Eighteen are 24 mm at 100 kHz in 6 mm of aluminium: a radius of 5 m over one metre, or of 20 m over two."""
 
 _HEARD_ALONG = 6
 """First echoes from a wall, at least: three numbers are to be told from them."""
