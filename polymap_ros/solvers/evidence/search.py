@@ -20,6 +20,7 @@ from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.curve import curve_wall, in_the_middle, straightened
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import look_for_faint
+from polymap_ros.solvers.evidence.moves.first_echoes import by_first_echoes
 from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, as_edges
 from polymap_ros.solvers.evidence.moves.late import delay_envelopes
@@ -217,12 +218,8 @@ class Search(Ground):
         if power is None:
             return None
         in_vain = not self.coherent or (not power.walls.convex_outline and self._hopeless(power))
-        wave = None if in_vain else self.aligned(power)
-        for _ in power.walls.lines:
-            if wave is None or wave.value >= COHERENT * power.value:
-                break
-            wave = slipped(self, wave, np.arange(len(wave.walls)))
-        if (share := 0.0 if wave is None else self.explained(wave, IN_VAIN)) < IN_VAIN - self.uncertainty:
+        wave, share = (None, 0.0) if in_vain else self._without_slips(power)
+        if share < IN_VAIN - self.uncertainty:
             standing = wave and Standing(power, wave, share)
             better = standing and (curve_wall(self, standing) or delay_envelopes(self, standing))
             if better is None and self.has_other_cause(power):
@@ -237,6 +234,23 @@ class Search(Ground):
             pool = np.empty((0, 2)) if pool is None else pool
             return self.judged(improved(self, power, FULL_ORDER, pool, residual=True), None)
         return found
+
+    def _without_slips(self, power: Power) -> tuple[Wave | None, float]:
+        """Return walls in phase, put right where they lie half a cycle off, and what they explain; nothing where they
+        do not agree in phase.
+        """
+        wave = self.aligned(power)
+        share = self.explained(wave, EXPLAINED) if wave else 0.0
+        if wave is not None and share < EXPLAINED - self.uncertainty and wave.walls.convex_outline:
+            wave = by_first_echoes(self, wave) or wave
+            share = self.explained(wave, IN_VAIN)
+        for _ in power.walls.lines:
+            better = slipped(self, wave, np.arange(len(wave.walls))) if wave and share < IN_VAIN else None
+            if better is None:
+                break
+            wave, share = better, self.explained(better, IN_VAIN)
+        coherent = wave is not None and wave.value >= COHERENT * power.value
+        return (wave, share) if coherent else (None, 0.0)
 
     def has_other_cause(self, power: Power) -> bool:
         """Ask for another cause, if that has not been asked for."""

@@ -8,6 +8,13 @@ from numpy.typing import NDArray
 
 from polymap_ros.geometry.paths import first_orders
 from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.moves.first_echoes import (
+    HEARD_ALONG,
+    STEP_CYCLES,
+    refined_by_orders,
+    straight_ends,
+    summed_first_echoes,
+)
 from polymap_ros.solvers.evidence.moves.parabola import at_best, follow_covariance
 from polymap_ros.solvers.evidence.moves.round import round_corners
 from polymap_ros.solvers.evidence.moves.standing import Standing
@@ -22,15 +29,9 @@ from polymap_ros.solvers.evidence.tuning import (
 from polymap_ros.solvers.evidence.walls import Walls
 from polymap_ros.solvers.evidence.waveform import Wave
 
-_STEP_CYCLES = 0.125
-"""Cycles of range between what is tried, at a wall's end: its echoes turn by 45 degrees there."""
-
 _SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS = 18, 5, 6
 """So many steps to either side are tried: of how much a wall's ends fall back, by which it is turned, and by which it
 is shifted. Eighteen are 24 mm at 100 kHz in 6 mm of aluminium: a radius of 5 m over one metre, or of 20 m over two."""
-
-_HEARD_ALONG = 6
-"""First echoes from a wall, at least: three numbers are to be told from them."""
 
 _AS_GOOD = 0.98
 """Share of what stands that a wall that is bent has to be worth before its curvature is at its best."""
@@ -116,7 +117,7 @@ def _begun(ground: Ground, wave: Wave, least: float) -> Iterator[tuple[int, Wave
     bends = list(_bent(ground, wave))
     wall, gain, walls = max(bends, key=lambda each: each[1], default=(0, 0.0, wave.walls))
     if gain > 0.0:
-        yield wall, _in_phase(ground, wave.with_walls(walls))
+        yield wall, refined_by_orders(ground, wave.with_walls(walls))
     ground.checkpoint()
     begun = wave.with_walls(replace(wave.walls, bend=_straight(ground, wave.walls)))
     here = ground.few_wave.evaluate(begun.walls, begun, FULL_ORDER)
@@ -144,24 +145,8 @@ def _straight(ground: Ground, walls: Walls) -> NDArray[np.float64]:
 
 def _middles(ground: Ground, walls: Walls) -> NDArray[np.float64]:
     """Return where along their lines the edges (n,) have their middles [m]."""
-    low, high = _ends(ground, walls)
+    low, high = straight_ends(ground, walls)
     return np.asarray(0.5 * (low + high))
-
-
-def _ends(ground: Ground, walls: Walls) -> NDArray[np.float64]:
-    """Return where along their lines straight edges start and end (2, n) [m]."""
-    straight = replace(walls, bend=np.empty((0, 2)))
-    _, sides = straight.sides(ground.data.soft_m, ground.data.shortest_m)
-    return np.asarray(sides.rows[:, 3:5].T)
-
-
-def _in_phase(ground: Ground, begun: Wave) -> Wave | None:
-    """Return a waveform with its walls at their best, from the first order up: all of them may be off by the curve."""
-    ground.checkpoint()
-    wave: Wave | None = begun
-    for order in (1, SEARCH_ORDER, FULL_ORDER):
-        wave = wave and ground.wave.refine(wave, order)
-    return wave
 
 
 def curvature_covariance(ground: Ground, wave: Wave) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -224,7 +209,7 @@ def _with_bend(walls: Walls, wall: int, curvature: float) -> Walls:
 
 
 def _half_lengths(ground: Ground, walls: Walls) -> NDArray[np.float64]:
-    low, high = _ends(ground, walls)
+    low, high = straight_ends(ground, walls)
     return np.asarray(0.5 * (high - low))
 
 
@@ -233,20 +218,20 @@ def _bent(ground: Ground, wave: Wave) -> Iterator[tuple[int, float, Walls]]:
     best, and the walls with that.
     """
     data, walls = ground.data, wave.walls
-    ends, bend = _ends(ground, walls), _straight(ground, walls)
+    ends, bend = straight_ends(ground, walls), _straight(ground, walls)
     each_way = (_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS)
-    steps = [_STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in each_way]
+    steps = [STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in each_way]
     sag, turn, shift = np.meshgrid(*steps, indexing='ij')
     for wall, line in enumerate(walls.lines):
         low, high = ends[:, wall]
         half = 0.5 * (high - low)
         _, along = first_orders(line, data.positions, data.baselines)
         pings = np.flatnonzero((along > low) & (along < high))
-        if bend[wall, 0] != 0.0 or len(pings) < _HEARD_ALONG:
+        if bend[wall, 0] != 0.0 or len(pings) < HEARD_ALONG:
             continue
         place = (along[pings] - bend[wall, 1]) / half
         farther = np.multiply.outer(shift + sag / 3.0, np.ones(len(pings))) - np.multiply.outer(sag, place**2)
-        heard = _first_echoes(ground, wave, line, pings, farther + np.multiply.outer(turn, place))
+        heard = np.abs(summed_first_echoes(ground, wave, line, pings, farther + np.multiply.outer(turn, place)))
         at = np.unravel_index(int(np.argmax(heard)), heard.shape)
         bent, lines = bend.copy(), walls.lines.copy()
         bent[wall, 0] = 2.0 * sag[at] / half**2
@@ -254,21 +239,3 @@ def _bent(ground: Ground, wave: Wave) -> Iterator[tuple[int, float, Walls]]:
         angle = -turn[at] / half
         lines[wall] += shift[at] + sag[at] / 3.0 + bend[wall, 1] * angle, angle
         yield wall, float(heard[at] - heard[_SAG_STEPS].max()), replace(walls.on(lines), bend=bent)
-
-
-def _first_echoes(
-    ground: Ground, wave: Wave, line: NDArray[np.float64], pings: NDArray[np.intp], farther: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return how much of some pings' signals, in phase with the device, is as far as a wall's first echoes, which are
-    farther by (..., n) [m].
-    """
-    data, pulse = ground.data, ground.data.pulse
-    away, _ = first_orders(line, data.positions, data.baselines)
-    far = away[pings] + farther
-    cell = np.clip(far / pulse.step_m, 0.0, data.signal.shape[1] - 2.0)
-    low = cell.astype(int)
-    share = cell - low
-    signal = (1.0 - share) * data.signal[pings, low] + share * data.signal[pings, low + 1]
-    turned = signal * np.exp(1j * (2.0 * pulse.carrier * far + wave.edge.head_on - wave.phase))
-    return np.asarray(np.abs(np.sum(turned.real * away[pings] ** -data.spreading, axis=-1)))
-

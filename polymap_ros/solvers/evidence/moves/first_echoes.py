@@ -1,0 +1,95 @@
+"""A wall's first echoes, by themselves: where they add up in phase is the wall, in whatever cycle the others are."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polymap_ros.geometry.paths import first_orders
+from polymap_ros.solvers.evidence.ground import Ground
+from polymap_ros.solvers.evidence.tuning import DIFFERENT, FULL_ORDER, SEARCH_ORDER
+from polymap_ros.solvers.evidence.walls import Walls
+from polymap_ros.solvers.evidence.waveform import Wave
+
+STEP_CYCLES = 0.125
+"""Cycles of range between what is tried, at a wall's end: its echoes turn by 45 degrees there."""
+
+HEARD_ALONG = 6
+"""First echoes from a wall, at least: three numbers are to be told from them."""
+
+_SHIFT_STEPS, _TURN_STEPS = 12, 8
+"""So many steps to either side are tried: of how far a wall is shifted, and of how far a turn moves its ends."""
+
+_IN_TURN = 3
+"""How often, while all are worth more by it: lines that are refined together come nearer."""
+
+
+def by_first_echoes(ground: Ground, wave: Wave) -> Wave | None:
+    """Return the waveform with each wall where its first echoes add up most; None where that is worth no more.
+
+    Where a pulse rings for long, power leaves several walls in wrong cycles at once, and none is worth more by itself.
+    """
+    best = wave
+    for _ in range(_IN_TURN):
+        ground.checkpoint()
+        moved = refined_by_orders(ground, best.with_walls(_added_up(ground, best)))
+        if moved is None or moved.value < best.value + DIFFERENT:
+            break
+        best = moved
+    return best if best is not wave else None
+
+
+def _added_up(ground: Ground, wave: Wave) -> Walls:
+    """Return the walls, each where its first echoes add up most, with that sign."""
+    walls, lines, signs = wave.walls, wave.walls.lines.copy(), np.ones(len(wave.walls))
+    ends = straight_ends(ground, walls)
+    steps = [STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in (_TURN_STEPS, _SHIFT_STEPS)]
+    turn, shift = np.meshgrid(*steps, indexing='ij')
+    for wall, line in enumerate(walls.lines):
+        low, high = ends[:, wall]
+        half, middle = 0.5 * (high - low), 0.5 * (high + low)
+        _, along = first_orders(line, ground.data.positions, ground.data.baselines)
+        pings = np.flatnonzero((along > low) & (along < high))
+        if len(pings) < HEARD_ALONG:
+            continue
+        farther = np.multiply.outer(turn, (along[pings] - middle) / half) + shift[:, :, None]
+        heard = summed_first_echoes(ground, wave, line, pings, farther)
+        at = np.unravel_index(int(np.argmax(np.abs(heard))), heard.shape)
+        # With r = x cos(theta) + y sin(theta), a turn moves r by the place along the wall about which it is.
+        angle = -turn[at] / half
+        lines[wall] += shift[at] + middle * angle, angle
+        signs[wall] = np.sign(heard[at]) * np.sign(walls.reflection[wall])
+    return replace(walls.on(lines), reflection=signs * walls.reflection)
+
+
+def straight_ends(ground: Ground, walls: Walls) -> NDArray[np.float64]:
+    """Return where along their lines edges start and end (2, n) [m], were they straight."""
+    straight = replace(walls, bend=np.empty((0, 2)))
+    _, sides = straight.sides(ground.data.soft_m, ground.data.shortest_m)
+    return np.asarray(sides.rows[:, 3:5].T)
+
+
+def summed_first_echoes(
+    ground: Ground, wave: Wave, line: NDArray[np.float64], pings: NDArray[np.intp], farther: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the sum (...) of some pings' signals where a wall's first echoes are, farther by (..., n) [m], in phase
+    with the device: below 0 where the wall turns them round.
+    """
+    data, pulse = ground.data, ground.data.pulse
+    away, _ = first_orders(line, data.positions, data.baselines)
+    far = away[pings] + farther
+    cell = np.clip(far / pulse.step_m, 0.0, data.signal.shape[1] - 2.0)
+    low = cell.astype(int)
+    share = cell - low
+    signal = (1.0 - share) * data.signal[pings, low] + share * data.signal[pings, low + 1]
+    turned = signal * np.exp(1j * (2.0 * pulse.carrier * far + wave.edge.head_on - wave.phase))
+    return np.asarray(np.sum(turned.real * away[pings] ** -data.spreading, axis=-1))
+
+
+def refined_by_orders(ground: Ground, begun: Wave) -> Wave | None:
+    """Return a waveform with its walls at their best, from the first order up: all of them may be off."""
+    ground.checkpoint()
+    wave: Wave | None = begun
+    for order in (1, SEARCH_ORDER, FULL_ORDER):
+        wave = wave and ground.wave.refine(wave, order)
+    return wave
