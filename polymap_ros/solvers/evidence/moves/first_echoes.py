@@ -17,7 +17,7 @@ STEP_CYCLES = 0.125
 HEARD_ALONG = 6
 """First echoes from a wall, at least: three numbers are to be told from them."""
 
-_SHIFT_STEPS, _TURN_STEPS = 12, 8
+_SHIFTED_BY, _TURNED_BY = 12, 8
 """So many steps to either side are tried: of how far a wall is shifted, and of how far a turn moves its ends."""
 
 _IN_TURN = 3
@@ -43,7 +43,7 @@ def _added_up(ground: Ground, wave: Wave) -> Walls:
     """Return the walls, each where its first echoes add up most, with that sign."""
     walls, lines, signs = wave.walls, wave.walls.lines.copy(), np.ones(len(wave.walls))
     ends = straight_ends(ground, walls)
-    steps = [STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in (_TURN_STEPS, _SHIFT_STEPS)]
+    steps = [STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in (_TURNED_BY, _SHIFTED_BY)]
     turn, shift = np.meshgrid(*steps, indexing='ij')
     for wall, line in enumerate(walls.lines):
         low, high = ends[:, wall]
