@@ -115,13 +115,22 @@ class Ground:
     def aligned(self, power: Power, edge: EdgePhase | None = None) -> Wave | None:
         """Return the waveform's maximum near refined walls of power, from the first order up.
 
-        By the law of `edge`; where none is given by the first of `edges`, or where that leaves much unexplained by one
-        of the others that is worth far more, or leaves nothing.
+        By the law of `edge`; where none is given by the first of `edges` or another.
         """
         if edge is not None:
             return self._aligned(power, edge)
-        first, *others = self.edges
-        best = self._aligned(power, first.freed() if len(first.law) else first)
+        return self.by_another_law(power, self.by_first_law(power))
+
+    def by_first_law(self, power: Power) -> Wave | None:
+        """Return the same by the first of `edges`."""
+        first = self.edges[0]
+        return self._aligned(power, first.freed() if len(first.law) else first)
+
+    def by_another_law(self, power: Power, best: Wave | None) -> Wave | None:
+        """Return what the first of `edges` leads to or, where that leaves much unexplained, what one of the others does
+        that is worth far more, or leaves nothing.
+        """
+        others = self.edges[1:]
         if not others or (best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty):
             return best
         least = -np.inf if best is None else EDGE_WORTH * best.value

@@ -239,11 +239,9 @@ class Search(Ground):
         """Return walls in phase, put right where they lie half a cycle off, and what they explain; nothing where they
         do not agree in phase.
         """
-        wave = self.aligned(power)
-        share = self.explained(wave, EXPLAINED) if wave else 0.0
-        if wave is not None and share < EXPLAINED - self.uncertainty and wave.walls.convex_outline:
-            wave = by_first_echoes(self, wave) or wave
-            share = self.explained(wave, IN_VAIN)
+        # Before another law makes good for walls in wrong cycles.
+        wave = self._in_step(self.by_another_law(power, self._in_step(self.by_first_law(power))))
+        share = self.explained(wave, IN_VAIN) if wave else 0.0
         for _ in power.walls.lines:
             better = slipped(self, wave, np.arange(len(wave.walls))) if wave and share < IN_VAIN else None
             if better is None:
@@ -251,6 +249,13 @@ class Search(Ground):
             wave, share = better, self.explained(better, IN_VAIN)
         coherent = wave is not None and wave.value >= COHERENT * power.value
         return (wave, share) if coherent else (None, 0.0)
+
+    def _in_step(self, wave: Wave | None) -> Wave | None:
+        """Return walls where their own first echoes add up, where much is left unexplained."""
+        if wave is None or not wave.walls.convex_outline:
+            return wave
+        leaves_much = self.explained(wave, EXPLAINED) < EXPLAINED - self.uncertainty
+        return (by_first_echoes(self, wave) if leaves_much else None) or wave
 
     def has_other_cause(self, power: Power) -> bool:
         """Ask for another cause, if that has not been asked for."""

@@ -20,6 +20,9 @@ HEARD_ALONG = 6
 _SHIFTED_BY, _TURNED_BY = 12, 8
 """So many steps to either side are tried: of how far a wall is shifted, and of how far a turn moves its ends."""
 
+_COMMON_STEPS = 6
+"""The same of how far all walls are shifted in common."""
+
 _IN_TURN = 3
 """How often, while all are worth more by it: lines that are refined together come nearer."""
 
@@ -28,15 +31,30 @@ def by_first_echoes(ground: Ground, wave: Wave) -> Wave | None:
     """Return the waveform with each wall where its first echoes add up most; None where that is worth no more.
 
     Where a pulse rings for long, power leaves several walls in wrong cycles at once, and none is worth more by itself.
+    The device's phase, by which they add up, may be wrong with all walls a part of a cycle off in common.
     """
     best = wave
     for _ in range(_IN_TURN):
         ground.checkpoint()
-        moved = refined_by_orders(ground, best.with_walls(_added_up(ground, best)))
+        begun = _in_common(ground, best)
+        moved = refined_by_orders(ground, begun.with_walls(_added_up(ground, begun)))
         if moved is None or moved.value < best.value + DIFFERENT:
             break
         best = moved
     return best if best is not wave else None
+
+
+def _in_common(ground: Ground, wave: Wave) -> Wave:
+    """Return the waveform with all walls shifted in common and the device's phase turned, so that first echoes stay in
+    phase and those of higher orders come to be.
+    """
+    trials = []
+    for steps in range(-_COMMON_STEPS, _COMMON_STEPS + 1):
+        farther = steps * STEP_CYCLES * ground.cycle_m
+        walls = wave.walls.on(wave.walls.lines + (farther, 0.0))
+        turned = replace(wave.with_walls(walls), phase=wave.phase + 2.0 * ground.data.pulse.carrier * farther)
+        trials.append(ground.few_wave.evaluate(walls, turned, SEARCH_ORDER))
+    return max((each for each in trials if each is not None), key=lambda each: each.value, default=wave)
 
 
 def _added_up(ground: Ground, wave: Wave) -> Walls:
