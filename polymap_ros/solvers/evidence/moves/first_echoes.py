@@ -101,7 +101,8 @@ def summed_first_echoes(
     share = cell - low
     signal = (1.0 - share) * data.signal[pings, low] + share * data.signal[pings, low + 1]
     turned = signal * np.exp(1j * (2.0 * pulse.carrier * far + wave.edge.head_on - wave.phase))
-    return np.asarray(np.sum(turned.real * away[pings] ** -data.spreading, axis=-1))
+    near_m = np.maximum(away[pings], pulse.step_m)  # a ping may be on the wall
+    return np.asarray(np.sum(turned.real * near_m ** -data.spreading, axis=-1))
 
 
 def refined_by_orders(ground: Ground, begun: Wave) -> Wave | None:
