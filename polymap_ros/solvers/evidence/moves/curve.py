@@ -87,8 +87,8 @@ def curve_at_last(ground: Ground, standing: Standing) -> Wave | None:
 
 
 def straightened(ground: Ground, wave: Wave) -> Wave:
-    """Return the waveform with walls that are straight where that is worth as much, since what bent one may be gone, and
-    the others' curvatures at their best.
+    """Return the waveform with walls that are straight where that is worth as much, since what bent one may be gone,
+    and the others' curvatures at their best.
     """
     for wall in np.flatnonzero(wave.walls.curvature):
         plain = ground.wave.refine(wave.with_walls(_with_bend(wave.walls, int(wall), 0.0)), FULL_ORDER)
