@@ -162,18 +162,12 @@ def _all_windows(search: Search, chain: Chain, rings: bool) -> Iterator[Track]:
 
 
 def _from_all(search: Search, chain: Chain, found: Found | None) -> Track | None:
-    """Return the track from walls that are right by power as reported, where poses are off by millimetres each.
-
-    Where they are not, walls that were left half a cycle off may have moved past it with poses that were free to.
-    """
+    """Return the track from walls that are right by power as reported, where poses are off by millimetres each."""
     if found is None or not search.coherent or found.explained < _ROUGHLY - search.uncertainty:
         return None
     track = in_phase(search, chain, judged_track(search, found, np.arange(len(chain.poses)), chain.poses), _NOISY_M)
     if track is None:
         return None
-    unmoved = search.again(track.found)
-    if unmoved is not None and unmoved.explained > EXPLAINED - search.uncertainty:
-        return judged_track(search, unmoved, np.arange(len(chain.poses)), chain.poses)
     track = mended(search, chain, track)  # one ping that is left elsewhere may take a twentieth of all echoes
     explains = track.found.explained > EXPLAINED - search.uncertainty
     return track if explains and track.consistency.min() > CONSISTENT else None

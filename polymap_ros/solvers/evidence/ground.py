@@ -115,11 +115,14 @@ class Ground:
     def aligned(self, power: Power, edge: EdgePhase | None = None) -> Wave | None:
         """Return the waveform's maximum near refined walls of power, from the first order up.
 
-        By the law of `edge`; where none is given by the first of `edges` or another.
+        By the law of `edge`; where none is given by the first of `edges` or, where that leaves much unexplained, by
+        another.
         """
         if edge is not None:
             return self._aligned(power, edge)
-        return self.by_another_law(power, self.by_first_law(power))
+        best = self.by_first_law(power)
+        explains = best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty
+        return best if explains else self.by_another_law(power, best)
 
     def by_first_law(self, power: Power) -> Wave | None:
         """Return the same by the first of `edges`."""
@@ -127,14 +130,11 @@ class Ground:
         return self._aligned(power, first.freed() if len(first.law) else first)
 
     def by_another_law(self, power: Power, best: Wave | None) -> Wave | None:
-        """Return what the first of `edges` leads to or, where that leaves much unexplained, what one of the others does
-        that is worth far more, or leaves nothing.
+        """Return what one of the other `edges` leads to that is worth far more than the best so far, or leaves nothing;
+        that where none is.
         """
-        others = self.edges[1:]
-        if not others or (best is not None and self.explained(best, EXPLAINED) > EXPLAINED - self.uncertainty):
-            return best
         least = -np.inf if best is None else EDGE_WORTH * best.value
-        for law in others:
+        for law in self.edges[1:]:
             self.checkpoint()
             turned = self._aligned(power, law.freed())
             if turned is not None and (turned.value > least or self._is_all(turned, best)):

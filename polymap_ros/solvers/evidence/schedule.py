@@ -31,7 +31,7 @@ from polymap_ros.solvers.evidence.waveform import Wave
 Schedule: TypeAlias = tuple[tuple[Callable[[Ground, Standing], Wave | None], float], ...]
 """Moves of the waveform in the order in which they are tried, each where less than a share is explained."""
 
-_CHEAPEST = fix_cycle_slips, np.inf
+_CYCLES = fix_cycle_slips, np.inf
 """First, and cheap: a wall that is only half a cycle off bends, turns the phase or goes, by the moves that follow."""
 
 _OF_ANY_OUTLINE: Schedule = (
@@ -45,7 +45,7 @@ _OF_ANY_OUTLINE: Schedule = (
 )
 
 SCHEDULE: Schedule = (
-    _CHEAPEST,
+    _CYCLES,
     (round_corners, WHOLE),  # before anything else is put down to their echoes
     (curve_wall, ALL_EXPLAINED),
     *_OF_ANY_OUTLINE,
@@ -59,7 +59,7 @@ SCHEDULE: Schedule = (
 """That for convex outlines."""
 
 RINGS: Schedule = (
-    _CHEAPEST,
+    _CYCLES,
     *_OF_ANY_OUTLINE,
     (square_up, np.inf),
     (merge_walls, np.inf),
@@ -68,7 +68,7 @@ RINGS: Schedule = (
 """The same for outlines that are not convex."""
 
 INSIDE: Schedule = (
-    _CHEAPEST,
+    _CYCLES,
     *_OF_ANY_OUTLINE,
     (tune_inner_walls, ALL_EXPLAINED),
     (add_inner_wall, ALL_EXPLAINED),

@@ -20,7 +20,7 @@ from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.curve import curve_wall, in_the_middle, straightened
 from polymap_ros.solvers.evidence.moves.exchange import improved
 from polymap_ros.solvers.evidence.moves.faint import look_for_faint
-from polymap_ros.solvers.evidence.moves.first_echoes import by_first_echoes
+from polymap_ros.solvers.evidence.moves.first_echoes import in_step
 from polymap_ros.solvers.evidence.moves.hole import with_hole
 from polymap_ros.solvers.evidence.moves.inner_wall import add_inner_wall, as_edges
 from polymap_ros.solvers.evidence.moves.late import delay_envelopes
@@ -239,9 +239,11 @@ class Search(Ground):
         """Return walls in phase, put right where they lie half a cycle off, and what they explain; nothing where they
         do not agree in phase.
         """
-        # Before another law makes good for walls in wrong cycles.
-        wave = self._in_step(self.by_another_law(power, self._in_step(self.by_first_law(power))))
-        share = self.explained(wave, IN_VAIN) if wave else 0.0
+        wave, share = in_step(self, self.by_first_law(power))
+        if share < EXPLAINED - self.uncertainty:
+            # Only now: it would make good for walls in wrong cycles.
+            other = self.by_another_law(power, wave)
+            wave, share = (wave, share) if other is wave else in_step(self, other)
         for _ in power.walls.lines:
             better = slipped(self, wave, np.arange(len(wave.walls))) if wave and share < IN_VAIN else None
             if better is None:
@@ -249,13 +251,6 @@ class Search(Ground):
             wave, share = better, self.explained(better, IN_VAIN)
         coherent = wave is not None and wave.value >= COHERENT * power.value
         return (wave, share) if coherent else (None, 0.0)
-
-    def _in_step(self, wave: Wave | None) -> Wave | None:
-        """Return walls where their own first echoes add up, where much is left unexplained."""
-        if wave is None or not wave.walls.convex_outline:
-            return wave
-        leaves_much = self.explained(wave, EXPLAINED) < EXPLAINED - self.uncertainty
-        return (by_first_echoes(self, wave) if leaves_much else None) or wave
 
     def has_other_cause(self, power: Power) -> bool:
         """Ask for another cause, if that has not been asked for."""

@@ -33,7 +33,8 @@ def test_a_curved_wall_is_found_and_told(seed, edges, radius_m):
     assert max(trial.offsets_m) < 2e-4
     curved = [edge for edge in answer.polygon.edges if edge.curvature]
     assert len(curved) == 1
-    assert abs(curved[0].curvature - 1.0 / radius_m) < 3.0 * curved[0].curvature_std < 0.3 / abs(radius_m)
+    assert curved[0].curvature == pytest.approx(1.0 / radius_m, rel=0.1)
+    assert curved[0].curvature == pytest.approx(1.0 / radius_m, abs=3.0 * curved[0].curvature_std)
     document = polygon_document(answer, 'odom', mapper.counts, mapper.parameters)
     told = [edge for edge in document['edges'] if 'curvature' in edge]
     assert [edge['curvature'] for edge in told] == [curved[0].curvature]

@@ -6,14 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polymap_ros.geometry.paths import first_orders
 from polymap_ros.solvers.evidence.ground import Ground
 from polymap_ros.solvers.evidence.moves.first_echoes import (
     HEARD_ALONG,
     STEP_CYCLES,
+    FirstEchoes,
     refined_by_orders,
     straight_ends,
-    summed_first_echoes,
 )
 from polymap_ros.solvers.evidence.moves.parabola import at_best, follow_covariance
 from polymap_ros.solvers.evidence.moves.round import round_corners
@@ -219,25 +218,18 @@ def _bent(ground: Ground, wave: Wave) -> Iterator[tuple[int, float, Walls]]:
     """Give each wall that is straight, how much more of its first echoes is in phase where it is curved as fits them
     best, and the walls with that.
     """
-    data, walls = ground.data, wave.walls
+    walls = wave.walls
     ends, bend = straight_ends(ground, walls), _straight(ground, walls)
     each_way = (_SAG_STEPS, _TURN_STEPS, _SHIFT_STEPS)
     steps = [STEP_CYCLES * ground.cycle_m * np.arange(-most, most + 1) for most in each_way]
     sag, turn, shift = np.meshgrid(*steps, indexing='ij')
-    for wall, line in enumerate(walls.lines):
-        low, high = ends[:, wall]
-        half = 0.5 * (high - low)
-        _, along = first_orders(line, data.positions, data.baselines)
-        pings = np.flatnonzero((along > low) & (along < high))
-        if bend[wall, 0] != 0.0 or len(pings) < HEARD_ALONG:
+    for wall in np.flatnonzero(bend[:, 0] == 0.0).tolist():
+        echoes = FirstEchoes.of(ground.data, walls.lines[wall], ends[:, wall], bend[wall, 1])
+        if len(echoes.pings) < HEARD_ALONG:
             continue
-        place = (along[pings] - bend[wall, 1]) / half
-        farther = np.multiply.outer(shift + sag / 3.0, np.ones(len(pings))) - np.multiply.outer(sag, place**2)
-        heard = np.abs(summed_first_echoes(ground, wave, line, pings, farther + np.multiply.outer(turn, place)))
+        heard = np.abs(echoes.summed(ground.data, wave, shift + sag / 3.0, turn, sag))
         at = np.unravel_index(int(np.argmax(heard)), heard.shape)
         bent, lines = bend.copy(), walls.lines.copy()
-        bent[wall, 0] = 2.0 * sag[at] / half**2
-        # With r = x cos(theta) + y sin(theta), a turn moves r by the place along the wall about which it is.
-        angle = -turn[at] / half
-        lines[wall] += shift[at] + sag[at] / 3.0 + bend[wall, 1] * angle, angle
+        bent[wall, 0] = 2.0 * sag[at] / echoes.half**2
+        lines[wall] = echoes.moved(shift[at] + sag[at] / 3.0, turn[at])
         yield wall, float(heard[at] - heard[_SAG_STEPS].max()), replace(walls.on(lines), bend=bent)
