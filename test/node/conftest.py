@@ -104,11 +104,14 @@ class Peer:
         self.node.destroy_node()
         self.context.try_shutdown()
 
-    def spin_until(self, condition: Callable[[], Any], what: str, timeout_s: float = DEADLINE_S) -> None:
+    def spin_until(
+        self, condition: Callable[[], Any], what: str, timeout_s: float = DEADLINE_S, told: Callable[[], Any] = str,
+    ) -> None:
+        """Spin until a condition holds; else fail with `what` did not come, and what is `told` of it instead."""
         end_s = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > end_s:
-                pytest.fail(f'within {timeout_s:g} s: {what}')
+                pytest.fail(f'within {timeout_s:g} s: {what} {told()}')
             self.executor.spin_once(timeout_sec=0.05)
 
     def listen(self, topic: str, type_name: str, qos: Any = LATCHED) -> list[Any]:
@@ -132,7 +135,7 @@ class Peer:
 
     def until_used(self, values: Callable[[], dict[str, str]], count: int) -> None:
         """Spin until the diagnostics say that so many pings were used."""
-        self.spin_until(lambda: values().get('pings used') == str(count), f'{count} pings used')
+        self.spin_until(lambda: values().get('pings used') == str(count), f'{count} pings used', told=values)
 
     def publisher(self, topic: str, type_name: str, qos: Any = RELIABLE, subscribers: int = 1) -> Any:
         """A publisher that has met its subscribers."""
