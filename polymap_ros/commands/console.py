@@ -236,7 +236,7 @@ def execute(program: str, job: Callable[[], int]) -> int:
     """
     _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))  # a recording may have more parts than the usual 1024
-    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    before, hook = {number: signal.getsignal(number) for number in _SIGNALS}, sys.unraisablehook
     for number, handler in before.items():
         if handler in (signal.SIG_DFL, signal.default_int_handler):  # not where the caller has it ignored
             signal.signal(number, _end)
@@ -254,6 +254,7 @@ def execute(program: str, job: Callable[[], int]) -> int:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)
+        sys.unraisablehook = hook
         _STOPS.clear()
 
 
@@ -268,7 +269,7 @@ class _Stopped(KeyboardInterrupt):
 def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> None:
     """Let a handler that raises be called again in a while, unless `signal.setitimer` is set to 0 before.
 
-    What is raised in a finalizer or a callback from C, Python tells on stderr and goes on. Until then further signals
+    What is raised in a finalizer or a callback from C does not get far: Python goes on. Until then further signals
     are ignored: a second one would cut short what the first has begun to clean up.
     """
     for number in _SIGNALS:
@@ -280,7 +281,13 @@ def again_if_ignored(handler: Callable[[int, FrameType | None], NoReturn]) -> No
 def stop(why: KeyboardInterrupt) -> NoReturn:
     """Raise this in a signal's handler, such that `stops_heeded` knows of it."""
     _STOPS.append(why)
+    sys.unraisablehook = _tell_unless_a_stop  # the stop comes again, and a traceback says nothing to a user
     raise why
+
+
+def _tell_unless_a_stop(told: 'sys.UnraisableHookArgs') -> None:
+    if told.exc_value not in _STOPS:
+        sys.__unraisablehook__(told)
 
 
 @contextmanager
