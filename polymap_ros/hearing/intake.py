@@ -130,7 +130,9 @@ class Intake:
             kind = odometry.plane
             self.plane = self._track.plane = Plane.of(kind, pose) if isinstance(pose, SpatialPose) else XY
         self.frame_id = frame_id
-        self.resuming = self.resuming and self._track.newest_ns == newest_ns
+        if self.resuming and self._track.newest_ns != newest_ns:
+            self.resuming = False
+            self._queue.admit()
         return True
 
     def add_ping(self, ping: Ping) -> bool:
@@ -140,7 +142,7 @@ class Intake:
         except BadPing as bad:
             self.refuse(bad.reason, str(bad))
             return False
-        self._queue.put(ping)
+        self._queue.put(ping, early=self.resuming)
         return True
 
     def refuse(self, reason: str, text: str) -> None:
@@ -174,6 +176,7 @@ class Intake:
         """No more odometry will come: all that can be placed is given in the next go."""
         self._track.finish()
         self._at_most, self.resuming, self.held = None, False, False
+        self._queue.admit()
 
     def drop_waiting(self) -> None:
         """Drop what still waits as ``no_pose``."""

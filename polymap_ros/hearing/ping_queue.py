@@ -66,6 +66,7 @@ class PingQueue:
         self._size = size
         self._heap: list[tuple[int, int, Ping]] = []
         self._order = count()
+        self._early: deque[Ping] = deque()
         self._backlog: deque[tuple[Ping, Pose]] = deque()
         self._backlog_bytes, self._most_bytes = 0, backlog_bytes
         self._taken: set[int] = set()
@@ -78,24 +79,43 @@ class PingQueue:
 
     @property
     def _waiting(self) -> list[Ping]:
-        """Those that wait for their odometry, by time of emission."""
-        return [ping for _, _, ping in sorted(self._heap)]
+        """Those that wait for their odometry, by time of emission, and those that came early."""
+        return [*(ping for _, _, ping in sorted(self._heap)), *self._early]
 
     def copy(self, track: PoseTrack) -> 'PingQueue':
         """A queue of its own with the same pings, upon a copy of the track."""
         twin = copy.copy(self)
         twin._track, twin._heap, twin._taken = track, list(self._heap), set(self._taken)
-        twin._backlog = self._backlog.copy()
+        twin._backlog, twin._early = self._backlog.copy(), self._early.copy()
         twin.counts = dataclasses.replace(self.counts, dropped=dict(self.counts.dropped))
         twin.last_texts = dict(self.last_texts)
         return twin
 
-    def put(self, ping: Ping) -> None:
-        """Take a ping that was received; one emitted when another one was is dropped as ``duplicate``."""
+    def put(self, ping: Ping, early: bool = False) -> None:
+        """Take a ping that was received; one emitted when another one was is dropped as ``duplicate``.
+
+        One that is `early` came before it is known whether the clock began anew: it waits for `admit`.
+        """
         self.counts.received += 1
+        if not early:
+            self._sort_in(ping)
+            return
+        if len(self._early) == self._size:
+            self._early.popleft()
+            self.drop('queue_full', f'{self._size} pings wait for the first odometry (odometry.queue_size)')
+        self._early.append(ping)
+        self._count_waiting()
+
+    def admit(self) -> None:
+        """The clock of those that came early is known, after `restart` where it is another one."""
+        while self._early:
+            self._sort_in(self._early.popleft())
+
+    def _sort_in(self, ping: Ping) -> None:
         if ping.emission_ns in self._taken:
             why = f'; stamps are all 0: {NOT_STAMPED}' if ping.stamp_ns == 0 else ''
             self.drop('duplicate', f'a ping with the stamp {ping.stamp_ns} ns has been taken before{why}')
+            self._count_waiting()
             return
         if len(self._heap) == self._size:
             emission_ns, _, oldest = heapq.heappop(self._heap)
@@ -163,7 +183,7 @@ class PingQueue:
         return ping, pose
 
     def _count_waiting(self) -> None:
-        self.counts.waiting = len(self._heap) + len(self._backlog)
+        self.counts.waiting = len(self._heap) + len(self._early) + len(self._backlog)
 
     def finish(self) -> None:
         """No more odometry will come, and no turn: what still waits is dropped as ``no_pose``."""

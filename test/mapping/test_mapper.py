@@ -352,6 +352,23 @@ def test_pings_wait_for_the_first_pose_after_a_restored_state():
     assert (again.counts.used, again.counts.waiting) == (5, 0)
 
 
+@pytest.mark.parametrize('anew', [False, True])
+def test_a_ping_before_the_first_pose_of_a_restored_state_is_of_that_poses_clock(anew):
+    """It has the stamp of one of the map's pings: under a clock that began anew it is another one."""
+    mapper = PolygonMapper(SMALL)
+    circling(mapper, 12)
+    again = PolygonMapper.from_state(SMALL, mapper.state())
+    again.add_ping(Ping(START + S // 8, NOISE[5], 1e-6))
+    again.add_ping(Ping(START + S // 4, NOISE[6], 1e-6))
+    twin = again.twin()
+    for each in (again, twin):
+        assert (each.counts.used, each.counts.waiting, each.counts.dropped) == (11, 3, {})
+        for stamp_ns in (0, S // 4) if anew else (6 * S, 6 * S + S // 4):
+            each.add_pose(START + stamp_ns, Pose(0.0, 0.0))
+        expected = (14, 13, {'no_pose': 1}, 0) if anew else (14, 13, {'duplicate': 1}, 0)
+        assert dataclasses.astuple(each.counts) == expected
+
+
 def test_where_jumps_back_are_ignored_a_restored_state_takes_what_is_newer():
     ignoring = SMALL.replaced({'odometry.on_jump_back': 'ignore'})
     mapper, whole = PolygonMapper(ignoring), PolygonMapper(ignoring)
