@@ -10,7 +10,8 @@ from polymap_ros.evaluation.trials import filled_mapper
 from polymap_ros.geometry.lines import moved_lines, polygon_lines
 from polymap_ros.geometry.outline import half_plane_polygon
 from polymap_ros.geometry.polygon_error import compare
-from polymap_ros.simulation.scenes import Scene, clearance
+from polymap_ros.simulation.clearance import clearance
+from polymap_ros.simulation.scenes import Scene
 from polymap_ros.solvers.paper.annealing import Landscape, cost_of
 from polymap_ros.solvers.paper.solver import PaperSolver, filtered
 from polymap_ros.solvers.snapshot import Snapshot

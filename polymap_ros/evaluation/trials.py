@@ -135,7 +135,11 @@ def filled_mapper(
 
 
 def feed(mapper: PolygonMapper, scene: Scene, clean: NDArray[np.float64] | None = None) -> None:
-    """Let a mapper hear all pings of a scene at the poses that the odometry reports; `clean` as in `simulate`."""
+    """Let a mapper hear all pings of a scene at the poses that the odometry reports; `clean` as in `simulate`.
+
+    The device gives the kind of samples that the mapper takes.
+    """
+    scene = dataclasses.replace(scene, echo_kind=mapper.parameters.echo.kind)
     for ping, pose in zip(pings(scene, clean), scene.reported_poses(), strict=True):
         mapper.add_pose(ping.emission_ns, Pose(*pose.tolist()))
         mapper.add_ping(ping)

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polymap_ros.parameters import MediumParameters
+from polymap_ros.simulation.clearance import half_planes
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.inside import Partition
 from polymap_ros.simulation.random_scenes import air_filled, mistaken, random_scene
-from polymap_ros.simulation.scenes import Scene, half_planes
+from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.shaped_scenes import clean_echoes, l_shape, t_shape
 from polymap_ros.simulation.trajectories import legs_inside
 from polymap_ros.simulation.waveforms import noise_free

@@ -7,9 +7,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from polymap_ros.simulation.clearance import audible_feet, half_planes
 from polymap_ros.simulation.inside import Hole, Partition, RoundHole
 from polymap_ros.simulation.random_scenes import Recipe, random_room
-from polymap_ros.simulation.scenes import audible_feet, half_planes
 
 Points = NDArray[np.float64]
 

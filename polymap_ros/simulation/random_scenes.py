@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from polymap_ros.errors import SceneError
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, PulseParameters
+from polymap_ros.simulation.clearance import audible_feet
 from polymap_ros.simulation.height import Height
-from polymap_ros.simulation.scenes import Scene, audible_feet
+from polymap_ros.simulation.scenes import Scene
 from polymap_ros.simulation.trajectories import fitted, random_legs, recorded
 
 SPEED_OF_SOUND_M_S = 343.0

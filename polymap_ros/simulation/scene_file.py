@@ -20,7 +20,7 @@ walls, nor does a recorded way with holes, nor `edge_fading` with round ones.
 What device and odometry do wrong is in `faults`, with the fields of `Faults`; what edges do to what they reflect in
 `edges`, with those of `Edges`; what the medium does beside in `propagation`, with those of `Propagation`; a room's
 floor and ceiling in `height`, with those of `Height`. With ``edge_fading: fresnel`` echoes fade over a Fresnel zone at
-the ends of walls, and corners diffract.
+the ends of walls, and corners diffract. With ``echo_kind: envelope`` samples are magnitudes.
 """
 
 import dataclasses
@@ -141,7 +141,7 @@ def _scene(document: Mapping[str, Any], name: str, folder: Path, read_path: Read
             values[key] = _array(document[key], key)
         elif key in _INSIDE:
             values[key] = _inside(document[key], key)
-        elif key in ('name', 'edge_fading') or (key == 'snr_db' and document[key] is None):
+        elif key in ('name', 'edge_fading', 'echo_kind') or (key == 'snr_db' and document[key] is None):
             values[key] = document[key]
         else:
             values[key] = _number(document, key)

@@ -4,14 +4,13 @@ import dataclasses
 from dataclasses import dataclass, field
 
 import numpy as np
-import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from polymap_ros.echo_parameters import EchoParameters
 from polymap_ros.errors import SceneError
-from polymap_ros.geometry.outline import is_convex
 from polymap_ros.map_parameters import GridParameters
 from polymap_ros.parameters import MediumParameters, Parameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.clearance import clearance
 from polymap_ros.simulation.corners import counter_clockwise
 from polymap_ros.simulation.edges import Edges
 from polymap_ros.simulation.faults import Faults
@@ -40,8 +39,8 @@ _BOUNDS = {
 EDGE_FADINGS = 'none', 'fresnel'
 """What echoes may do at the ends of walls."""
 
-_ROUNDING_M = 1e-9
-"""How far outside a foot may be by rounding [m]."""
+ECHO_KINDS = 'rf', 'envelope'
+"""What a device may give of the signal, as `echo.kind` of the parameters has it."""
 
 _GAIN_STREAM, _POSITION_STREAM, _NOISE_STREAM, _DRIFT_STREAM = 1, 2, 3, 8
 
@@ -86,6 +85,8 @@ class Scene:
         Samples per ping.
     t0_s : float
         Time of the first sample after emission [s].
+    echo_kind : str
+        What the device gives: rf, the signal; envelope, the magnitude of its analytic signal, noise included.
     snr_db : float or None
         Ratio of the mean power of a ping's noise-free samples to the noise power [dB]; None: no noise.
     order : int
@@ -116,6 +117,7 @@ class Scene:
     sample_rate_hz: float = 1e6
     n_samples: int = 2048
     t0_s: float = 0.0
+    echo_kind: str = 'rf'
     snr_db: float | None = 0.0
     order: int = 5
     reflection: ArrayLike = 1.0
@@ -163,8 +165,9 @@ class Scene:
                 check_bounds(name, getattr(self, name))
         if self.height != Height() and self.medium.model != 'constant':
             raise SceneError('height is that of a room; a plate has none: set medium.model to constant')
-        if self.edge_fading not in EDGE_FADINGS:
-            raise SceneError(f'edge_fading must be {" or ".join(EDGE_FADINGS)}, found {self.edge_fading!r}')
+        for name, allowed in (('edge_fading', EDGE_FADINGS), ('echo_kind', ECHO_KINDS)):
+            if getattr(self, name) not in allowed:
+                raise SceneError(f'{name} must be {" or ".join(allowed)}, found {getattr(self, name)!r}')
         for name in self._on_ways:
             if self.edge_fading != 'none':
                 raise SceneError(f'edge_fading does not go with {name}; leave out one of them')
@@ -288,7 +291,8 @@ class Scene:
     def parameters(self, base: Parameters | None = None) -> Parameters:
         """The mapper's parameters for this scene: `base` with what the scene says of the device, and its grid."""
         base = base or Parameters()
-        echo: EchoParameters = dataclasses.replace(base.echo, t0_s=self.t0_s)
+        kind = base.echo.kind if self.echo_kind == 'rf' else self.echo_kind
+        echo: EchoParameters = dataclasses.replace(base.echo, t0_s=self.t0_s, kind=kind)
         return dataclasses.replace(
             base, medium=self.told_medium or self.medium, pulse=self.pulse, echo=echo, sensor=self.sensor,
             grid=self.grid)
@@ -306,39 +310,3 @@ def sensor_positions(poses: NDArray[np.float64], sensor: SensorParameters) -> ND
     c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     return np.column_stack((poses[:, 0] + c * sensor.x_m - s * sensor.y_m,
                             poses[:, 1] + s * sensor.x_m + c * sensor.y_m))
-
-
-def half_planes(vertices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Outward unit normals (n, 2) and offsets r (n,) of the edges of a counter-clockwise polygon, eq. (2)."""
-    along = np.roll(vertices, -1, axis=0) - vertices
-    normals = np.column_stack((along[:, 1], -along[:, 0])) / np.linalg.norm(along, axis=1)[:, None]
-    return normals, np.einsum('ij,ij->i', normals, vertices)
-
-
-def clearance(vertices: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Distance of points (m, 2) from the nearest edge of a simple polygon [m]; not above 0 outside."""
-    if is_convex(np.ascontiguousarray(vertices, dtype=float)):
-        normals, offsets = half_planes(vertices)
-        return np.asarray((offsets - points @ normals.T).min(axis=1))
-    outline, places = shapely.Polygon(vertices), shapely.points(points)
-    away = shapely.distance(outline.exterior, places)
-    return np.asarray(np.where(shapely.contains(outline, places), away, -away))
-
-
-def audible_feet(
-    vertices: NDArray[np.float64], points: NDArray[np.float64], room: shapely.Polygon | None = None
-) -> NDArray[np.bool_]:
-    """Where the foot of point i is on edge j in plain sight, so that its first-order echo exists; (m, n).
-
-    The room is on the left of the edges, and all that they bound unless it is given.
-    """
-    along = np.roll(vertices, -1, axis=0) - vertices
-    share = (points @ along.T - np.einsum('ij,ij->i', vertices, along)) / np.einsum('ij,ij->i', along, along)
-    audible = np.asarray((share >= 0.0) & (share <= 1.0))
-    if room is not None or not is_convex(np.ascontiguousarray(vertices, dtype=float)):
-        feet = vertices[None] + share[:, :, None] * along[None]
-        ways = shapely.linestrings(np.stack((np.broadcast_to(points[:, None], feet.shape), feet), axis=2))
-        audible &= shapely.covers((room or shapely.Polygon(vertices)).buffer(_ROUNDING_M), ways)
-        outwards = np.einsum('mnk,nk->mn', feet - points[:, None], np.column_stack((along[:, 1], -along[:, 0])))
-        audible &= outwards > 0.0
-    return audible

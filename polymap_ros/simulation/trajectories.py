@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from polymap_ros.errors import SceneError
 from polymap_ros.geometry.outline import is_convex
-from polymap_ros.simulation.scenes import MOST_PINGS, half_planes
+from polymap_ros.simulation.clearance import half_planes
+from polymap_ros.simulation.scenes import MOST_PINGS
 
 _LEG_DRAWS = 32
 """Draws of the next leg before a path is given up: in a corner most of them leave the room."""

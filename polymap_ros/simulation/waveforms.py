@@ -61,7 +61,15 @@ def simulate(scene: Scene | str, clean: NDArray[np.float64] | None = None) -> ND
     if scene.faults.lines or scene.faults.impulses:
         generator = scene.generator(INTERFERENCE_STREAM)
         samples = samples + interference(scene.faults, generator, clean, level, scene.period_s)
-    return np.asarray(samples if scene.snr_db is None else samples + level * scene.noise())
+    heard = np.asarray(samples if scene.snr_db is None else samples + level * scene.noise())
+    return heard if scene.echo_kind == 'rf' else _magnitudes(heard)
+
+
+def _magnitudes(heard: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The magnitude of the analytic signal, row by row."""
+    from scipy.signal import hilbert  # takes as long to load as all the rest of scipy that is used
+
+    return np.asarray(np.abs(hilbert(heard)))
 
 
 def pings(scene: Scene, clean: NDArray[np.float64] | None = None) -> list[Ping]:

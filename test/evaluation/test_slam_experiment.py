@@ -57,6 +57,12 @@ def test_a_scene_is_mapped_and_told_in_a_row():
     assert path_failures(trials) == '- none'
 
 
+def test_magnitudes_in_air_tell_walls_and_path_to_millimetres():
+    [trial] = SlamExperiment(['air_magnitudes'], [4], [4], 0.0, Parameters()).run_one('air_magnitudes', 4, 4)
+    assert trial.trial.right
+    assert trial.odometry.ate_m > 0.1 > 30.0 * trial.path.ate_m
+
+
 @pytest.mark.parametrize('name', CASES)
 def test_every_case_makes_a_scene_whose_odometry_errs_as_it_says(name):
     scene = CASES[name].make(2, 4)

@@ -35,6 +35,14 @@ def test_an_answer_is_judged_by_its_walls():
     assert judged(answer([[0, 0], [1.0, 0], [1.0, 0.756], [0, 0.756]]), scene, 'paper', 0.1, tolerance_m=0.01).right
 
 
+def test_a_device_gives_the_magnitudes_that_a_mapper_takes():
+    """A signal with its sign left out has ripples, by which walls explain half of it."""
+    scene = VARIANTS['air'].make(4, 4)
+    answer = filled_mapper(scene, Parameters().replaced({'echo.kind': 'envelope'})).solve()
+    assert (answer.status, answer.cautions) == ('closed', ())
+    assert judged(answer, scene, 'evidence', 0.0).right
+
+
 def test_errors_are_judged_by_the_standard_deviations_and_real_edges_counted():
     scene = load_scene('rectangle')
     edges = (Edge(0.001, -np.pi / 2, 0.95, 0.002, 0.1), Edge(1.03, 0.01, 0.92, 0.01, 0.004),

@@ -12,8 +12,8 @@ from polymap_ros.maps import free_grid
 from polymap_ros.maps.free_area import FreeArea
 from polymap_ros.maps.free_grid import FreeGrid, make_free_area
 from polymap_ros.parameters import Parameters
+from polymap_ros.simulation.clearance import half_planes
 from polymap_ros.simulation.random_scenes import random_scene
-from polymap_ros.simulation.scenes import half_planes
 
 SCENE = random_scene(6, 5)
 ROOM = shapely.Polygon(SCENE.vertices)

@@ -12,8 +12,8 @@ pytest.importorskip('rclpy')
 from polymap_ros.commands.live import Stream, cpu_of, cpu_table
 from polymap_ros.evaluation.round_trip import RoundTrip
 from polymap_ros.messages.echoes import stamp_to_ns
+from polymap_ros.simulation.clearance import clearance
 from polymap_ros.simulation.scene_file import load_scene
-from polymap_ros.simulation.scenes import clearance
 
 SHORT = ['--odom-hz', '50', '--ping-hz', '10', '--samples', '2048', '-p', 'solver.method:=paper']
 

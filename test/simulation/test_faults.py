@@ -11,9 +11,9 @@ from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.geometry.image_sources import visible_images
 from polymap_ros.parameters import SensorParameters
+from polymap_ros.simulation.clearance import audible_feet, clearance, half_planes
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import Recipe, driven, random_scene
-from polymap_ros.simulation.scenes import audible_feet, clearance, half_planes
 from polymap_ros.simulation.waveforms import Synthesis, noise_free, simulate
 
 SEED, EDGES = 4, 5

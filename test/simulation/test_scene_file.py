@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from polymap_ros.errors import SceneError
+from polymap_ros.simulation.clearance import audible_feet, clearance
 from polymap_ros.simulation.scene_file import built_in_scenes, load_scene
-from polymap_ros.simulation.scenes import audible_feet, clearance
 
 ROOM = 'vertices: [[0, 1], [1, 1], [1, 0], [0, 0]]\n'
 
@@ -24,6 +24,7 @@ grid: {range_max_m: 2.0}
 sample_rate_hz: 2e5
 n_samples: 512
 t0_s: 1.0e-5
+echo_kind: envelope
 snr_db: null
 order: 3
 reflection: [1.0, -0.5, 0.25, 0.125]
@@ -47,7 +48,7 @@ faults: {missing_first: 0.2, clutter: 10}
     assert parameters['medium.speed_m_s'] == 340.0
     assert parameters['sensor.baseline_x_m'] == 0.05
     assert parameters['pulse.kind'] == 'chirp'
-    assert parameters['echo.t0_s'] == 1e-5
+    assert (parameters['echo.t0_s'], parameters['echo.kind']) == (1e-5, 'envelope')
     assert parameters['sensor.x_m'] == 0.1
     assert parameters['grid.range_max_m'] == 2.0
 

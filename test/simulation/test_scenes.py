@@ -5,7 +5,8 @@ import pytest
 
 from polymap_ros.errors import SceneError
 from polymap_ros.parameters import SensorParameters
-from polymap_ros.simulation.scenes import Scene, audible_feet, clearance, half_planes
+from polymap_ros.simulation.clearance import audible_feet, clearance, half_planes
+from polymap_ros.simulation.scenes import Scene
 
 SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
 INSIDE = [[0.5, 0.5, 0.0], [0.6, 0.5, 0.0]]

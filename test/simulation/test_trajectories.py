@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from polymap_ros.errors import SceneError
-from polymap_ros.simulation.scenes import clearance
+from polymap_ros.simulation.clearance import clearance
 from polymap_ros.simulation.trajectories import fitted, legs, random_legs, recorded
 
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -10,6 +10,7 @@ from polymap_ros.acoustics.medium import make_medium
 from polymap_ros.acoustics.pulse import make_pulse
 from polymap_ros.parameters import MediumParameters, PulseParameters
 from polymap_ros.simulation import waveforms
+from polymap_ros.simulation.clearance import half_planes
 from polymap_ros.simulation.faults import Faults
 from polymap_ros.simulation.random_scenes import random_scene
 from polymap_ros.simulation.scenes import Scene
@@ -64,6 +65,31 @@ def test_without_dispersion_every_echo_is_a_delayed_pulse():
         path = 2.0 * abs(unit[0] * (0.25 - a[1]) - unit[1] * (0.4 - a[0]))
         expected += coefficient * burst(t - path / 1480.0) / path
     assert relative_error(noise_free(scene)[0], expected) < 3e-3
+
+
+def test_magnitudes_are_those_of_the_sum_of_bursts_with_their_phases():
+    """Under a Hann window of eight cycles the analytic signal is window times rotation, to a hundredth."""
+    pulse = PulseParameters(cycles=8.0)
+    room = Scene('water', [[0, 0], [0.7, 0], [0.9, 0.4], [0.1, 0.6]], [[0.4, 0.25, 0.0]], medium=WATER, snr_db=None,
+                 order=1, reflection=[1.0, -0.5, 0.8, 0.3], pulse=pulse, echo_kind='envelope')
+    normals, offsets = half_planes(room.vertices)
+    distance = 2.0 * (offsets - normals @ room.poses[0, :2])
+    after = np.arange(room.n_samples) * 1e-6 - distance[:, None] / 1480.0
+    window = np.where((after >= 0.0) & (after <= 8e-5), np.sin(np.pi * after / 8e-5) ** 2, 0.0)
+    amplitude = np.array([1.0, -0.5, 0.8, 0.3]) / distance
+    expected = np.abs(amplitude @ (window * np.exp(2j * np.pi * 1e5 * after)))
+    assert np.sum(window > 0.0, axis=0).max() > 1, 'echoes overlap'
+    assert relative_error(simulate(room), expected) < 0.02
+    assert room.parameters().echo.kind == 'envelope'
+
+
+def test_noise_of_magnitudes_is_as_rayleigh_says():
+    """Its mean square is twice that of the signal's noise, its mean sqrt(pi / 2) times that noise's deviation."""
+    scene = dataclasses.replace(random_scene(1, 4), echo_kind='envelope', snr_db=-60.0)
+    noise = np.sqrt(np.mean(noise_free(scene) ** 2, axis=1, keepdims=True)) * 1e3
+    relative = simulate(scene) / noise
+    assert np.mean(relative**2) == pytest.approx(2.0, rel=0.01)
+    assert np.mean(relative) == pytest.approx(np.sqrt(np.pi / 2.0), rel=0.01)
 
 
 def test_in_a_plate_one_wall_gives_the_dispersed_echo_of_its_path():

@@ -12,7 +12,7 @@ from polymap_ros.geometry.lines import polygon_lines
 from polymap_ros.geometry.outline import are_inside, corners_of
 from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.parameters import Parameters
-from polymap_ros.simulation.scenes import audible_feet
+from polymap_ros.simulation.clearance import audible_feet
 from polymap_ros.simulation.shaped_scenes import SHAPE_KINDS, clean_echoes, shaped_scene
 from polymap_ros.simulation.waveforms import noise_free
 from polymap_ros.solvers.evidence.closed_walks import COSTS, closed_walks

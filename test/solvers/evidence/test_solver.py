@@ -13,9 +13,9 @@ from polymap_ros.geometry.polygon_error import compare
 from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.parameters import Parameters, PulseParameters, SensorParameters
+from polymap_ros.simulation.clearance import clearance
 from polymap_ros.simulation.doubtful_scenes import KINDS
 from polymap_ros.simulation.random_scenes import air_filled, lossy, random_scene
-from polymap_ros.simulation.scenes import clearance
 from polymap_ros.simulation.waveforms import simulate
 from polymap_ros.solvers.evidence import drift
 from polymap_ros.solvers.evidence.search import Search
