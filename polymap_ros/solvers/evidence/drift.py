@@ -28,7 +28,7 @@ from polymap_ros.solvers.evidence.tracking import (
 )
 from polymap_ros.solvers.evidence.tuning import EXPLAINED
 from polymap_ros.solvers.evidence.whereabouts import FEWEST
-from polymap_ros.solvers.evidence.windows import in_phase, windows
+from polymap_ros.solvers.evidence.windows import by_all_orders, in_phase, windows
 
 _LOOKED_FOR, _PLACED = 6, 3
 """A window's walls have to place so many of the first pings beside it, or it is another window's turn."""
@@ -213,6 +213,8 @@ def _extended(search: Search, chain: Chain, window: Track) -> Track | None:
     track = mended(search, chain, track, np.setdiff1d(np.arange(first, until), track.pings))
     if _slips(track, chain) > 1 + _SLIPS_AT_MOST * count:
         return None
+    if not search.coherent:  # what a window has of edges too many stays otherwise: on the way phase alone changes edges
+        track = by_all_orders(search, chain, track)
     return imaged_track(search, chain, track, EXPLAINED - search.uncertainty)
 
 

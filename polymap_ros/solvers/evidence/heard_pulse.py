@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from polymap_ros.errors import StateError
@@ -21,6 +22,11 @@ from polymap_ros.solvers.evidence.search import Search
 
 AFTER_CYCLES = 15.0
 """Cycles of range from the nominal pulse to the last of the taps: a transducer of Q 10 rings for 13."""
+
+_WIENER_NOISE = 0.03
+"""Noise over echoes where these are loudest, of which the Wiener filter takes account: of twelve plates that stayed
+open when heard by the pulse itself, Q 5 twice and Q 10 (even seeds), the first guess had most of the echoes' energy in
+11 by 0.03, in 9 by 0.01, in 8 by 0.1 and in 6 by 0.3."""
 
 _MOST_STEPS = 100_000
 """Steps that taps of a saved state may span."""
@@ -70,6 +76,35 @@ class HeardPulse:
         for lag, value in zip(lags[np.abs(lags) < n], self.taps[np.abs(lags) < n], strict=True):
             here, there = slice(max(-lag, 0), n - max(lag, 0)), slice(max(lag, 0), n - max(-lag, 0))
             signal[:, here] += np.conj(value) * data.signal[:, there]
+        return self._in_units_of_noise(data, signal, pulse, loud)
+
+    def sharpened(self, data: EchoData) -> EchoData:
+        """Return the pings by the Wiener filter that makes nominal pulses of true ones, in units of the noise.
+
+        Where the true pulse rings, hearing by it smears echoes over twice that time.
+        """
+        nominal, n = data.pulse, data.signal.shape[1]
+        size = scipy.fft.next_fast_len(n + 2 * len(self._whole))
+        psi, both, taps = np.zeros(size, complex), both_sides(nominal), np.zeros(size, complex)
+        psi[np.arange(len(both)) - len(both) // 2] = both
+        taps[(self.first + np.arange(len(self._whole))) % size] = self._whole
+        noise, true = np.maximum(np.fft.fft(psi).real, 0.0), np.fft.fft(taps)
+        echoes = np.abs(true) ** 2 * noise
+        inverse = np.conj(true) * noise / (echoes + _WIENER_NOISE * echoes.max())
+        loud = float(np.sum(np.abs(inverse) ** 2 * noise)) / size
+        signal = np.fft.ifft(np.fft.fft(data.signal, size, axis=1) * inverse, axis=1)[:, :n]
+        lags = np.arange(-(n // 2), n // 2 + 1)
+        compressed = np.fft.ifft(inverse * true * noise)[lags]
+        compressed *= np.exp(2j * nominal.carrier * nominal.step_m * lags) / compressed[n // 2].real
+        return self._in_units_of_noise(data, signal, PulseShape.of(compressed, nominal.step_m), loud)
+
+    def _in_units_of_noise(
+        self, data: EchoData, signal: NDArray[np.complex128], pulse: PulseShape, loud: float
+    ) -> EchoData:
+        """Return pings whose signal was filtered by the taps: its noise has so much power, its compressed pulse is
+        `pulse`.
+        """
+        nominal, n = data.pulse, data.signal.shape[1]
         ranges = nominal.step_m * np.arange(n)
         signal *= np.exp(2j * (nominal.carrier - pulse.carrier) * ranges) / np.sqrt(loud)
         other = replace(data, pulse=pulse).with_signal(signal.astype(np.complex64))

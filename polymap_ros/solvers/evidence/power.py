@@ -172,6 +172,8 @@ class PowerLikelihood:
             background = self._smooth(self.data.mean_power - 1.0 - strength * np.mean(found.explained, axis=0))
         value = self.quiet(background) + walls.log_prior() + float(
             self.data.weight * cells_likelihood(heard, found.explained, background, strength, first))
+        if value < found.value:  # the background goes by means, which is not where F is largest
+            return found
         return Power(walls, strength, background, value, found.explained, storey=like.storey)
 
     def refine(self, walls: Walls, like: Power, order: int, iterations: int = 5) -> Power | None:

@@ -8,12 +8,12 @@ multiples, tell which is right. From the best of these everything is fitted toge
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain
+from itertools import chain, islice
 from typing import NamedTuple
 
 import numpy as np
 
-from polymap_ros.solvers.evidence.echo_spectrum import RINGS_LONG, minimum_phase_pulse, spectral_misfit
+from polymap_ros.solvers.evidence.echo_spectrum import minimum_phase_pulse
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.loudness import PLAIN, Loudness
 from polymap_ros.solvers.evidence.moves.start import starts
@@ -30,9 +30,8 @@ _SHIFTS_CYCLES, _STEP_CYCLES = 0.875, 0.125
 """Cycles of range by which all walls are shifted either way, and the step: a fit is sharp to a quarter cycle. Laws are
 a quarter of a turn apart head on, and each has its best shift on the grid: beside it, a wrong one may fit better."""
 
-_LATE_CYCLES = 0.3, -0.9, 0.6, -0.6, 0.9, -0.3
-"""Cycles of range by which the pulse of minimum phase is taken to be later where nothing fits by it: at Q 10 it is up
-to 0.9 early or late, and power finds other walls then. The first two come first since each mended an even plate."""
+_STARTS = 2
+"""Starts of convex walls, at most."""
 
 _ALL_FITS = 0.8
 """Share of the echoes' energy in a guess from which no other is looked for: of eight plates at Q 10 (even seeds) two
@@ -68,10 +67,12 @@ def pulse_guesses(search: Search, fit: PulseFit, walls: Walls, loudness: Loudnes
     The device and the medium are as `loudness` says: what it leaves out costs more than a wrong shift does.
     """
     count, guesses = round(_SHIFTS_CYCLES / _STEP_CYCLES), []
-    for edge in search.edges:
+    alike = replace(walls, reflection=np.copysign(1.0, np.sum(walls.reflection)) * walls.reflection)
+    turned = replace(alike, reflection=-alike.reflection)
+    for edge, signed in (*((edge, alike) for edge in search.edges), (search.edges[0], turned)):
         search.checkpoint()
         for k in range(-count, count + 1):
-            moved = replace(walls, lines=walls.lines + (k * _STEP_CYCLES * search.cycle_m, 0.0))
+            moved = replace(signed, lines=walls.lines + (k * _STEP_CYCLES * search.cycle_m, 0.0))
             guesses.append(fit.fitted(fit.begun(moved, edge, loudness)))
     return [guess for guess in guesses if np.isfinite(guess.score)]
 
@@ -93,32 +94,34 @@ class Adapted(NamedTuple):
 
 
 class FirstGuess(NamedTuple):
-    """What fits best by convex walls, with these, what is heard by a pulse of minimum phase, and what fits pulses."""
+    """What fits best by convex walls, with these, pings that are sharpened, and what fits pulses."""
 
     fit: PulseFit
-    ringing: Search
+    sharp: Search
     convex: Sequence[Power]
     guess: Guess | None
 
     @classmethod
     def of(cls, search: Search) -> 'FirstGuess':
-        """Return it by walls that power finds by the nominal pulse, and by one with the echoes' spectrum, earlier or
-        later where it rings for long and nothing fits.
+        """Return it by walls that power finds where echoes are sharpened by the pulse of minimum phase.
+
+        From another start where these do not fit.
         """
-        fit, pulse = _fit_of(search), minimum_phase_pulse(search.data)
-        ringing = search.over(pulse.heard(search.data))
-        convex = [power for power in (_by_power(search), _by_power(ringing)) if power is not None]
-        guesses = [guess for power in convex for guess in pulse_guesses(search, fit, power.walls)]
-        best = _climbed(search, fit, guesses)
-        for late in _LATE_CYCLES if spectral_misfit(search.data) > RINGS_LONG else ():
+        fit = _fit_of(search)
+        sharp = search.over(minimum_phase_pulse(search.data).sharpened(search.data))
+        convex: list[Power] = []
+        best: Guess | None = None
+        for start in islice(starts(sharp), _STARTS):
+            begun = start and sharp.by_power(start)
+            power = begun and sharp.power.refine(begun.walls, begun, FULL_ORDER)
+            if power is None:
+                continue
+            convex.append(power)
+            guess = _climbed(search, fit, pulse_guesses(search, fit, power.walls))
+            best = guess if best is None or (guess and guess.score > best.score) else best
             if best is not None and best.score > _ALL_FITS * fit.loud:
                 break
-            steps = round(late * search.cycle_m / search.data.pulse.step_m)
-            power = _by_power(search.over(replace(pulse, first=steps).heard(search.data)))
-            other = power and _climbed(search, fit, pulse_guesses(search, fit, power.walls))
-            if other and (best is None or other.score > best.score):
-                best = other
-        return cls(fit, ringing, convex, best)
+        return cls(fit, sharp, convex, best)
 
     @property
     def hopeless(self) -> bool:
@@ -169,16 +172,16 @@ def _fit_of(search: Search) -> PulseFit:
 
 def _ring_guesses(search: Search, first: FirstGuess) -> Iterator[Guess | None]:
     """Give what fits best from outlines that need not be convex, where they are worth clearly more than convex ones."""
-    fit, ringing, convex = first.fit, first.ringing, first.convex
-    nothing = ringing.nothing
-    like = [ringing.power.fitted(power.walls, nothing.with_strength(power.strength), SEARCH_ORDER) for power in convex]
+    fit, sharp, convex = first.fit, first.sharp, first.convex
+    nothing = sharp.nothing
+    like = [sharp.power.fitted(power.walls, nothing.with_strength(power.strength), SEARCH_ORDER) for power in convex]
     known = max((power.value for power in like if power is not None), default=nothing.value)
-    starts, pool = ring_starts(ringing)
+    starts, pool = ring_starts(sharp)
     for start in starts:
-        ringing.checkpoint()
-        ring = improved_ring(ringing, start, pool)
-        judged = ringing.judged(ring, None)
-        explains = judged is not None and judged.explained > BY_POWER - ringing.uncertainty
+        sharp.checkpoint()
+        ring = improved_ring(sharp, start, pool)
+        judged = sharp.judged(ring, None)
+        explains = judged is not None and judged.explained > BY_POWER - sharp.uncertainty
         if explains and ring.value - nothing.value > RING_WORTH * (known - nothing.value):
             yield _climbed(search, fit, pulse_guesses(search, fit, ring.walls))
 
@@ -208,13 +211,6 @@ def _told_by(search: Search, fit: PulseFit, guess: Guess | None, enough: float) 
         if guess is not None and guess.score < before + NO_BETTER:
             break
     return best
-
-
-def _by_power(search: Search) -> Power | None:
-    """The walls that a first start leads to, by power."""
-    start = next(starts(search))
-    power = start and search.by_power(start)
-    return power and search.power.refine(power.walls, power, FULL_ORDER)
 
 
 def _climbed(search: Search, fit: PulseFit, guesses: list[Guess]) -> Guess | None:
