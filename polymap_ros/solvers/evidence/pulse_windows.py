@@ -1,9 +1,9 @@
 """The pulse that echoes have in truth under odometry that drifts: from a window of pings, in which it errs by little.
 
-By a pulse of minimum phase (`echo_spectrum`) a window is explained by power as ever, and its pings are locked in phase
-to a fraction of a cycle, though orders do not agree yet: the pulse's delay is a millimetre or two off. From there the
-pulse is fitted with the walls (`pulse_search`), and walls and poses climb by it. One window is enough: by its pulse all
-others are found, and in the end it is fitted to all pings where they were found to be.
+Sharpened by a pulse of minimum phase (`echo_spectrum`) a window is explained by power as ever, and its pings are locked
+in phase to a fraction of a cycle, though orders do not agree yet: the pulse's delay is a millimetre or two off. From
+there the pulse is fitted with the walls (`pulse_search`), and walls and poses climb by it. One window is enough: by its
+pulse all others are found, and in the end it is fitted to all pings where they were found to be.
 """
 
 from collections.abc import Callable
@@ -65,12 +65,12 @@ def track_by_pulse(search: Search, chain: Chain, rings: bool) -> Adapted | None:
 
 def _of_windows(search: Search, chain: Chain) -> _PulseOfTrack | None:
     """Return the pulse of the first window whose walls explain its echoes by it; None where there is none."""
-    ringing = minimum_phase_pulse(search.data).over(search)
+    sharp = search.over(minimum_phase_pulse(search.data).sharpened(search.data))
     in_vain = 0
-    for rough, _ in windows_by_power(ringing, chain):
+    for rough, _ in windows_by_power(sharp, chain):
         if rough is None:
             continue
-        track = locked(ringing, chain, by_all_orders(ringing, chain, rough), SETTLED)
+        track = locked(sharp, chain, by_all_orders(sharp, chain, rough), SETTLED)
         own = None if track is None or track.found.explained < _LOCKED else _fitted_to(search, chain, track)
         if own is not None:
             return own

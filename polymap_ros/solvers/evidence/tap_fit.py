@@ -11,6 +11,7 @@ from functools import partial
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.edge_phase import COMMON, EdgePhase
@@ -123,6 +124,14 @@ class PulseFit:
             row[:, max(lag, 0):n + min(lag, 0)] = waveform[:, max(-lag, 0):n - max(lag, 0)]
         return late[:, :, self._data.first_cell:]
 
+    def _by_taps(self, taps: NDArray[np.complex128], waveforms: NDArray[np.complex128]) -> NDArray[np.complex128]:
+        """Return waveforms (k, N, cells) of the pulse of these taps, from the first cell that is not blanked."""
+        n = waveforms.shape[-1]
+        size = scipy.fft.next_fast_len(n + len(taps))
+        filtered = scipy.fft.ifft(scipy.fft.fft(waveforms, size) * scipy.fft.fft(taps, size))
+        before = -int(self._lags[0])
+        return np.asarray(filtered[..., before + self._data.first_cell:before + n])
+
     def climbed(self, guess: Guess) -> Guess:
         """Return the guess after steps of Gauss and Newton, as long as they fit better."""
         for _ in range(_JOINT_STEPS):
@@ -140,8 +149,8 @@ class PulseFit:
         whole = gains * np.tensordot(guess.taps, late, 1)
         own = unit(whole)
         moves = moves_of(wave)
-        slopes = [gains * np.tensordot(guess.taps, self._late(
-            (self._likelihood.without_carrier(move(wave, step)) - plain) / step), 1) for move, step in moves]
+        slopes = gains * self._by_taps(guess.taps, np.array([
+            (self._likelihood.without_carrier(move(wave, step)) - plain) / step for move, step in moves]))
         columns = np.array([across(own, each).ravel() for each in (*slopes, *(gains * late), *(1j * gains * late))])
         square = np.real(np.conj(columns) @ columns.T) * data.weight
         along = np.real(np.conj(columns) @ (self._heard - whole).ravel()) * data.weight
