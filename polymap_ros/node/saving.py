@@ -95,7 +95,8 @@ class Saver:
         self._writer = ThreadPoolExecutor(1, thread_name_prefix='save')
         self._automatic: tuple[Content, Future[Saved]] | None = None
         self._automatic_s = time.monotonic()
-        self._kept: list[Saved] = []
+        self._kept: list[Saved] = []  # of the map that was saved last, which a reset may have ended since
+        self._kept_map = 0
         self._maps = 0
         self._saved = self._content()
         self._check(parameters().output)
@@ -130,7 +131,6 @@ class Saver:
     def begin_anew(self) -> None:
         """The map is reset: what was saved of it stays, and the next one is saved beside it."""
         self._maps += 1
-        self._kept = []
 
     def close(self) -> None:
         """Let a running save finish, and save a last time where automatic saves are on."""
@@ -140,7 +140,7 @@ class Saver:
             self._node.get_logger().info(f'saving the map to {self._home / output.dir}: wait for it')
             saved = self._note(self._start(), self._node.get_logger().error)
             if saved is not None:
-                self._keep(saved)
+                self._keep(self._maps, saved)
                 self._node.get_logger().info(f'saved: {saved.folder}')
         self._writer.shutdown()
 
@@ -171,10 +171,12 @@ class Saver:
             return
         if saved.whole:
             self._saved = content
-        if content.map == self._maps:
-            self._keep(saved)
+        self._keep(content.map, saved)
 
-    def _keep(self, saved: Saved) -> None:
+    def _keep(self, number: int, saved: Saved) -> None:
+        """Take the place of what was saved of this map before."""
+        if number != self._kept_map:
+            self._kept, self._kept_map = [], number
         for older in self._kept:
             if saved.missing <= older.missing:
                 self._writer.submit(discard, older.folder)

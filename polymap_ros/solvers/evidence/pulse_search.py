@@ -30,7 +30,7 @@ _SHIFTS_CYCLES, _STEP_CYCLES = 0.875, 0.125
 """Cycles of range by which all walls are shifted either way, and the step: a fit is sharp to a quarter cycle. Laws are
 a quarter of a turn apart head on, and each has its best shift on the grid: beside it, a wrong one may fit better."""
 
-_STARTS = 2
+_STARTS_BY_PULSE = 2
 """Starts of convex walls, at most."""
 
 _ALL_FITS = 0.8
@@ -111,7 +111,7 @@ class FirstGuess(NamedTuple):
         sharp = search.over(minimum_phase_pulse(search.data).sharpened(search.data))
         convex: list[Power] = []
         best: Guess | None = None
-        for start in islice(starts(sharp), _STARTS):
+        for start in islice(starts(sharp), _STARTS_BY_PULSE):
             begun = start and sharp.by_power(start)
             power = begun and sharp.power.refine(begun.walls, begun, FULL_ORDER)
             if power is None:
