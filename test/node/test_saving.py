@@ -16,6 +16,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from polymap_ros.errors import OutputError
+from polymap_ros.geometry.pose import Pose
 from polymap_ros.mapping.mapper import PolygonMapper
 from polymap_ros.node.factory import message_class
 from polymap_ros.node.saving import Saved, Saver, write
@@ -23,6 +24,8 @@ from polymap_ros.node.stopwatch import Stopwatch
 from polymap_ros.parameters import Parameters
 from polymap_ros.results.arrays import read_state
 from polymap_ros.results.folder import Unwritten
+from polymap_ros.simulation.scene_file import load_scene
+from polymap_ros.simulation.waveforms import pings
 from polymap_ros.solvers.estimate import Candidate, Edge, Estimate
 
 TRIGGER = 'std_srvs/srv/Trigger'
@@ -164,6 +167,34 @@ def test_the_log_says_of_every_save_asked_for_what_the_service_says(tmp_path, mo
     assert [each.success for each in served] == [True, False, False, False]
     assert served[0].message == str(tmp_path / 'a')
     assert logged == [('info', f'saved: {tmp_path / "a"}', {}), *(('error', each.message, {}) for each in served[1:])]
+
+
+def test_a_save_that_a_reset_overtakes_takes_the_place_of_the_one_before(tmp_path):
+    """The second of the first map is not over yet as the map is reset."""
+    node = SimpleNamespace(get_logger=lambda: SimpleNamespace(info=print, error=print),
+                           create_service=lambda *arguments, **options: None)
+    parameters = Parameters().replaced({'output.dir': str(tmp_path), 'output.autosave_s': 1e-9,
+                                        'solver.method': 'paper'})
+    mapper, scene = PolygonMapper(parameters), load_scene('triangle')
+    saver = Saver(node, mapper, lambda: parameters, Stopwatch())
+    ride = list(zip(pings(scene), scene.poses, strict=True))
+
+    def save_with(*numbers):
+        for ping, pose in ride[slice(*numbers)]:
+            mapper.add_pose(ping.emission_ns, Pose(*pose))
+            mapper.add_ping(ping)
+        saver.autosave()
+        saver._automatic[1].exception(30.0)
+
+    save_with(0, 4)
+    save_with(4, 8)
+    saver.begin_anew()
+    mapper.reset()
+    save_with(10, 12)
+    save_with(12, 14)
+    saver.close()
+    stamps = sorted(int(folder.name.partition('-')[0]) for folder in tmp_path.iterdir())
+    assert stamps == [ride[7][0].emission_ns, ride[13][0].emission_ns]
 
 
 def test_node_that_is_killed_leaves_the_saves_it_has_answered_for(peer, start, tmp_path, riding):
