@@ -24,8 +24,8 @@ AFTER_CYCLES = 15.0
 """Cycles of range from the nominal pulse to the last of the taps: a transducer of Q 10 rings for 13."""
 
 _WIENER_NOISE = 0.03
-"""Noise over echoes where these are loudest, of which the Wiener filter takes account: of twelve plates that stayed
-open when heard by the pulse itself, Q 5 twice and Q 10 (even seeds), the first guess had most of the echoes' energy in
+"""Noise over echoes where these are loudest, of which the Wiener filter takes account: of twelve plates that failed
+when heard by the pulse itself, Q 5 twice and Q 10 (even seeds), the first guess had most of the echoes' energy in
 11 by 0.03, in 9 by 0.01, in 8 by 0.1 and in 6 by 0.3."""
 
 _MOST_STEPS = 100_000
