@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from polymap_ros.solvers.evidence.data import EchoData
 from polymap_ros.solvers.evidence.early_noise import before_echoes
-from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse, both_sides
+from polymap_ros.solvers.evidence.heard_pulse import AFTER_CYCLES, HeardPulse, strength_of
 from polymap_ros.solvers.evidence.search import Search
 
 _IN_BAND = 0.1
@@ -110,9 +110,7 @@ def _falling(spectrum: _Spectrum) -> Callable[[NDArray[np.float64]], NDArray[np.
 
 def _spectrum(data: EchoData) -> _Spectrum:
     size = scipy.fft.next_fast_len(_PADDED_TIMES * data.signal.shape[1])
-    psi, both = np.zeros(size, complex), both_sides(data.pulse)
-    psi[np.arange(len(both)) - len(both) // 2] = both
-    strength = np.maximum(np.fft.fft(psi).real, 0.0)
+    strength = strength_of(data.pulse, size)
     frequency = np.asarray(np.fft.fftfreq(size), float)
     band = np.flatnonzero(strength > _IN_BAND * strength.max())
     band = band[np.argsort(frequency[band])]

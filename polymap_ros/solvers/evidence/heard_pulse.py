@@ -85,10 +85,9 @@ class HeardPulse:
         """
         nominal, n = data.pulse, data.signal.shape[1]
         size = scipy.fft.next_fast_len(n + 2 * len(self._whole))
-        psi, both, taps = np.zeros(size, complex), both_sides(nominal), np.zeros(size, complex)
-        psi[np.arange(len(both)) - len(both) // 2] = both
+        taps = np.zeros(size, complex)
         taps[(self.first + np.arange(len(self._whole))) % size] = self._whole
-        noise, true = np.maximum(np.fft.fft(psi).real, 0.0), np.fft.fft(taps)
+        noise, true = strength_of(nominal, size), np.fft.fft(taps)
         echoes = np.abs(true) ** 2 * noise
         inverse = np.conj(true) * noise / (echoes + _WIENER_NOISE * echoes.max())
         loud = float(np.sum(np.abs(inverse) ** 2 * noise)) / size
@@ -148,3 +147,10 @@ def both_sides(pulse: PulseShape) -> NDArray[np.complex128]:
     """Return psi without its carrier at lags -n ... n."""
     half = pulse.baseband[2:-2]
     return np.concatenate((np.conj(half[:0:-1]), half))
+
+
+def strength_of(pulse: PulseShape, size: int) -> NDArray[np.float64]:
+    """Return the spectrum (size,) of psi without its carrier, that of the noise's power, as an FFT has it."""
+    psi, both = np.zeros(size, complex), both_sides(pulse)
+    psi[np.arange(len(both)) - len(both) // 2] = both
+    return np.maximum(np.fft.fft(psi).real, 0.0)

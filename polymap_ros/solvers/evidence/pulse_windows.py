@@ -11,7 +11,7 @@ from functools import partial
 from typing import NamedTuple
 
 from polymap_ros.solvers.evidence.drift import begun
-from polymap_ros.solvers.evidence.echo_spectrum import RINGS_LONG, minimum_phase_pulse, spectral_misfit
+from polymap_ros.solvers.evidence.echo_spectrum import RINGS_LONG, spectral_misfit
 from polymap_ros.solvers.evidence.heard_pulse import HeardPulse
 from polymap_ros.solvers.evidence.phase_lock import locked
 from polymap_ros.solvers.evidence.pulse_search import Adapted, FirstGuess, adapted, may_be_told, pulse_of_walls
@@ -47,13 +47,14 @@ def own_pulse(search: Search, chain: Chain, rings: bool, may_drift: bool) -> Ada
     first = FirstGuess.of(search)
     ways: list[Callable[[], Adapted | None]] = [partial(adapted, search, first, rings)]
     if may_drift and spectral_misfit(search.data) < RINGS_LONG:
-        ways.insert(0 if first.hopeless else 1, partial(track_by_pulse, search, chain, rings))
+        ways.insert(0 if first.hopeless else 1, partial(track_by_pulse, search, first.sharp, chain, rings))
     return next((own for way in ways if (own := way()) is not None), None)
 
 
-def track_by_pulse(search: Search, chain: Chain, rings: bool) -> Adapted | None:
-    """Return walls and poses by a pulse that a window of the pings tells; None where no window does."""
-    own = _of_windows(search, chain)
+def track_by_pulse(search: Search, sharp: Search, chain: Chain, rings: bool) -> Adapted | None:
+    """Return walls and poses by a pulse that a window of the pings tells, which are `sharp`; None where no window does.
+    """
+    own = _of_windows(search, sharp, chain)
     track = own and begun(own.pulse.over(search), chain, None, rings, (own.track,))
     if own is None or track is None:
         return None
@@ -63,9 +64,8 @@ def track_by_pulse(search: Search, chain: Chain, rings: bool) -> Adapted | None:
     return Adapted(pulse, track.search, track.found, track)
 
 
-def _of_windows(search: Search, chain: Chain) -> _PulseOfTrack | None:
+def _of_windows(search: Search, sharp: Search, chain: Chain) -> _PulseOfTrack | None:
     """Return the pulse of the first window whose walls explain its echoes by it; None where there is none."""
-    sharp = search.over(minimum_phase_pulse(search.data).sharpened(search.data))
     in_vain = 0
     for rough, _ in windows_by_power(sharp, chain):
         if rough is None:

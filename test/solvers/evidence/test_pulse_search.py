@@ -174,9 +174,9 @@ def test_walls_a_quarter_cycle_off_in_common_are_put_right_by_the_right_law(cycl
     np.testing.assert_array_equal(best.walls.reflection, right.reflection)
 
 
-@pytest.mark.parametrize(('name', 'edges', 'seed'), [('q_10', 4, 106), ('q_5_twice', 3, 104)])
+@pytest.mark.parametrize(('name', 'edges', 'seed'), [('q_10', 4, 106), ('q_5_twice', 5, 4)])
 def test_the_first_guess_has_all_walls_where_a_pulse_rings_for_long(name, edges, seed):
-    """Where echoes are not sharpened, it has 0.63 and 0.18 of the echoes."""
+    """Where echoes are heard by the pulse of minimum phase instead, it has 0.63 and 0.17 of their energy."""
     scene = VARIANTS[name].make(seed, edges)
     first = FirstGuess.of(search_in(scene))
     assert first.guess.score > 0.95 * first.fit.loud
