@@ -55,8 +55,8 @@ seeds) it is less for three, and 0.42 and 0.36 of an L and a T."""
 _HOPELESS = 0.28
 """Share of the echoes' energy in the best guess of convex walls below which poses are likelier to be wrong than
 anything else: with everything mild it is 0.15 to 0.21 at the level `typical` (six plates, even seeds), and 0.88 and
-more where poses are right (five of them); in two L and two T 0.31 and more, before echoes were sharpened. A wrong verdict costs time
-alone."""
+more where poses are right (five of them); in two L and two T 0.31 and more, before echoes were sharpened. A
+wrong verdict costs time alone."""
 
 _ROUNDS_OF_WALLS = 4
 """How often walls are settled by a pulse and it is fitted to them again, at most."""
